@@ -1,0 +1,44 @@
+# `make run` flies the demo, `make test` runs every test; both set up .venv first.
+VENV := .venv
+BIN := $(VENV)/bin
+PYTHON ?= python3
+
+.PHONY: help run test check lint format venv bench clean
+.DEFAULT_GOAL := help
+
+help:  ## list what can be made
+	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 12
+
+run: venv  ## fly the demo mission: ten UAVs search an office floor
+	$(BIN)/swarm-ctl run missions/usar_office.yaml --speed 4
+
+test: venv  ## run every test
+	$(BIN)/pytest -n auto
+
+check: lint test  ## what CI runs
+
+lint: venv  ## format check, lint, types, import contracts
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: venv  ## format and fix in place
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: venv  ## measure codec, ray casting and virtual time
+	$(BIN)/python benchmarks/run.py
+
+venv: $(VENV)/.stamp  ## set up .venv with every extra
+
+$(VENV)/.stamp: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "Python 3.11 or newer is needed; set PYTHON=/path/to/python3.11"; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint constraints.txt --editable '.[all]'
+	touch $@
+
+clean:  ## remove the virtual environment, runs and caches
+	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

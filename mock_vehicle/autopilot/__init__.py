@@ -1,0 +1,1 @@
+"""How PX4 and ArduPilot answer on the wire."""

@@ -1,0 +1,1 @@
+"""Phases, peers, safety and intents of one vehicle; pure, driven by `now`."""

@@ -1,0 +1,1 @@
+"""Intents to MAVLink and MAVLink to telemetry, one module per autopilot."""

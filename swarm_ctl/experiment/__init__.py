@@ -1,0 +1,1 @@
+"""The one door between controller and mock: both in memory, in virtual time."""

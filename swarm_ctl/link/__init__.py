@@ -1,0 +1,1 @@
+"""Datagrams and bytes between a controller and its autopilot."""

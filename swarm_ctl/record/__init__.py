@@ -1,0 +1,1 @@
+"""What a run leaves behind: telemetry logs, events, paths, pictures, summary."""
