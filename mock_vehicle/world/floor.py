@@ -1,0 +1,72 @@
+"""Places on the floor: slices of cells, ways between them, rows of starts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from mock_vehicle.world.spec import GridSpec
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Grid(NamedTuple):
+    """A horizontal slice of the world."""
+
+    origin_ne_m: Floats
+    """Lower corner of cell (0, 0): north, east, m; (2,)."""
+    cell_m: float
+    """Edge of a cell, m."""
+    blocked: Bools
+    """Solid cells, (north, east)."""
+
+
+def on_floor(north_east_m: Floats) -> Floats:
+    """Turn (n, 2) north, east into (n, 3) NED points on the floor."""
+    return np.column_stack([north_east_m, np.zeros(len(north_east_m))])
+
+
+def headings(yaw_deg: Floats) -> Floats:
+    """Turn degrees counter-clockwise from east into radians clockwise from north, in [-pi, pi)."""
+    heading: Floats = (np.pi / 2.0 - np.radians(yaw_deg) + np.pi) % (2.0 * np.pi) - np.pi
+    return heading
+
+
+def rows(grid: GridSpec, n: int) -> tuple[Floats, Floats]:
+    """Place n vehicles row by row, west to east and south to north."""
+    row, column = np.divmod(np.arange(n), grid.columns)
+    x, y = grid.origin_m
+    north_east = np.column_stack([y + row * grid.spacing_m, x + column * grid.spacing_m])
+    return on_floor(north_east), np.full(n, grid.yaw_deg)
+
+
+def centres(low_m: Floats, cell_m: float, shape: tuple[int, ...], height_m: float) -> Floats:
+    """Lay out the centres of the cells of a slice, (nx, ny, 3) NED, m."""
+    middle = np.full((*shape, 3), -height_m)
+    middle[..., 0] = (low_m[0] + (np.arange(shape[0]) + 0.5) * cell_m)[:, None]
+    middle[..., 1] = low_m[1] + (np.arange(shape[1]) + 0.5) * cell_m
+    return middle
+
+
+def flood(free: Bools, north: Bools, east: Bools, seeds: NDArray[np.int_]) -> Bools:
+    """Mark (nx, ny) cells reachable from (k, 2) seeds.
+
+    `north` (nx - 1, ny) and `east` (nx, ny - 1) tell where a cell's next neighbour can be entered.
+    """
+    unseen = np.pad(free, 1).reshape(-1)
+    up = np.pad(north, ((1, 2), (1, 1))).reshape(-1)
+    right = np.pad(east, ((1, 1), (1, 2))).reshape(-1)
+    width = free.shape[1] + 2
+    reached = np.zeros_like(unseen)
+    front = np.unique((seeds[:, 0] + 1) * width + seeds[:, 1] + 1)
+    while len(front := front[unseen[front]]):
+        unseen[front] = False
+        reached[front] = True
+        ways = [front[up[front]] + width, front[up[front - width]] - width]
+        ways += [front[right[front]] + 1, front[right[front - 1]] - 1]
+        front = np.unique(np.concatenate(ways))
+    return reached.reshape(-1, width)[1:-1, 1:-1]

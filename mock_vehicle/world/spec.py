@@ -1,0 +1,333 @@
+"""World files: the models that a floor plan in YAML must satisfy, and errors that name the key."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import ValidationError as PydanticError
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from mock_vehicle.errors import WorldError
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Positive = Annotated[Number, Field(gt=0)]
+Fraction = Annotated[Number, Field(ge=0, le=1)]
+_IN_OUR_WORDS = {
+    "missing": "is required",
+    "tuple_type": "should be a list",
+    "model_type": "should hold keys",
+    "float_type": "should be a number",
+}
+Point = tuple[Number, Number]
+Extent = tuple[Positive, Positive]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_the_nearest_key(cls, data: Any) -> Any:
+        """Refuse an unknown key, before anything else is wrong with it."""
+        for key in data if isinstance(data, dict) else ():
+            if key not in cls.model_fields:
+                near = difflib.get_close_matches(str(key), cls.model_fields, n=1, cutoff=0.5)
+                raise PydanticCustomError(
+                    "unknown_key",
+                    "unknown key; did you mean {near}?" if near else "unknown key; known: {near}",
+                    {"key": str(key), "near": near[0] if near else ", ".join(cls.model_fields)},
+                )
+        return data
+
+
+class MapSpec(_Section):
+    """A ROS map_server map as walls, in place of `size_m` and the outer walls."""
+
+    file: Path
+    """The map's YAML file, relative to the world file."""
+    height_m: Positive | None = None
+    """Height of its walls above the floor, m; default: to the ceiling, 3 m under open sky."""
+
+
+class BoxSpec(_Section):
+    """An upright box."""
+
+    center_m: Point
+    """Centre x, y, m."""
+    size_m: Extent
+    """Edges along its own x and y, m."""
+    yaw_deg: Number = 0.0
+    """Its x axis, degrees counter-clockwise from east."""
+    bottom_m: NotNegative = 0.0
+    """Height of its lower face, m."""
+    height_m: Positive | None = None
+    """Height from bottom to top, m; default: to the ceiling, 3 m under open sky."""
+
+
+class DoorSpec(_Section):
+    """A gap in a wall."""
+
+    at_m: NotNegative
+    """Its middle, m along the wall from `from_m`."""
+    width_m: Positive
+    """Clear width, m."""
+    height_m: Positive | None = None
+    """Height of the lintel above the wall's bottom, m; null: the gap has the wall's height."""
+
+
+class WallSpec(_Section):
+    """A straight wall with doors."""
+
+    from_m: Point
+    """One end x, y of its middle line, m."""
+    to_m: Point
+    """The other end, m."""
+    thickness_m: Positive = 0.1
+    """Thickness, half of it on either side of the line, m."""
+    bottom_m: NotNegative = 0.0
+    """Height of its lower edge, m."""
+    height_m: Positive | None = None
+    """Height from bottom to top, m; default: to the ceiling, 3 m under open sky."""
+    doors: tuple[DoorSpec, ...] = ()
+    """Gaps, which may not overlap."""
+
+
+class CylinderSpec(_Section):
+    """An upright cylinder."""
+
+    center_m: Point
+    """Axis x, y, m."""
+    radius_m: Positive
+    """Radius, m."""
+    bottom_m: NotNegative = 0.0
+    """Height of its lower face, m."""
+    height_m: Positive | None = None
+    """Height from bottom to top, m; default: to the ceiling, 3 m under open sky."""
+
+
+class VictimSpec(_Section):
+    """Somebody to find."""
+
+    name: Annotated[str, Field(min_length=1)]
+    """Unique name."""
+    position_m: tuple[Number, Number, NotNegative]
+    """x, y, z, m."""
+
+
+class StartSpec(_Section):
+    """The place of one vehicle on the floor."""
+
+    position_m: Point
+    """x, y, m."""
+    yaw_deg: Number = 90.0
+    """Direction of its nose, degrees counter-clockwise from east; 90 is north."""
+
+
+class GridSpec(_Section):
+    """Rows from west to east, the next row to the north."""
+
+    origin_m: Point
+    """x, y of the first vehicle, m."""
+    spacing_m: Positive = 1.5
+    """Distance between neighbours, m."""
+    columns: Annotated[int, Field(strict=True, ge=1)] = 5
+    """Vehicles in a row."""
+    yaw_deg: Number = 90.0
+    """Direction of all noses, degrees counter-clockwise from east."""
+
+
+class RandomSpec(_Section):
+    """Anywhere on free floor, noses anywhere, both drawn from the run's seed."""
+
+    margin_m: NotNegative = 1.0
+    """Least distance to anything solid, m; larger keeps starts away from walls."""
+    spacing_m: NotNegative = 1.5
+    """Least distance between two vehicles, m."""
+
+
+class GridStarts(_Section):
+    """Starts in rows."""
+
+    grid: GridSpec
+    """The rows."""
+
+
+class RandomStarts(_Section):
+    """Starts by chance."""
+
+    random: RandomSpec
+    """The rule of chance."""
+
+
+def _kind_of_starts(value: Any) -> str | None:
+    if isinstance(value, list | tuple):
+        return "list"
+    if isinstance(value, GridStarts | RandomStarts):
+        return "grid" if isinstance(value, GridStarts) else "random"
+    return next((k for k in ("grid", "random") if isinstance(value, dict) and k in value), None)
+
+
+Starts = Annotated[
+    Annotated[tuple[StartSpec, ...], Tag("list")]
+    | Annotated[GridStarts, Tag("grid")]
+    | Annotated[RandomStarts, Tag("random")],
+    Discriminator(
+        _kind_of_starts,
+        custom_error_type="starts",
+        custom_error_message="should be a list of positions, {grid: ...} or {random: ...}",
+    ),
+]
+
+
+class CoverageSpec(_Section):
+    """How the referee counts space as seen."""
+
+    footprint: Literal["square", "disc", "sphere"] = "disc"
+    """What a vehicle sees around itself: floor cells of a square or a disc, or cells of space."""
+    radius_m: Positive = 1.0
+    """Radius, or half the side of the square, m."""
+    cell_m: Positive = 0.1
+    """Edge of a cell, m; smaller counts finer and slower."""
+    line_of_sight: bool = True
+    """Whether walls hide what is behind them."""
+
+
+class RadioSpec(_Section):
+    """The telemetry radio between vehicles."""
+
+    radius_m: NotNegative = 2.0
+    """Range, m."""
+    delay_s: NotNegative = 0.0
+    """Time from sending to hearing, s."""
+    loss_fraction: Fraction = 0.0
+    """Share of frames that get lost."""
+
+
+class InfraredSpec(_Section):
+    """The sensor that sees victims."""
+
+    range_m: NotNegative = 2.0
+    """Range, m."""
+
+
+class WindSpec(_Section):
+    """The wind."""
+
+    from_deg: Number = 0.0
+    """Where it comes from, degrees counter-clockwise from east."""
+    speed_m_s: NotNegative = 0.0
+    """Mean speed, m/s."""
+    gust_m_s: NotNegative = 0.0
+    """Standard deviation of the gusts, m/s."""
+
+
+class SensorsSpec(_Section):
+    """Ranges and errors of the other sensors."""
+
+    range_max_m: Positive = 8.0
+    """Farthest distance of the rangefinders, m."""
+    range_noise_m: NotNegative = 0.0
+    """Standard deviation of the rangefinders, m."""
+    odometry_drift_fraction: NotNegative = 0.0
+    """Drift of the position estimate per distance flown."""
+    bearing_noise_deg: NotNegative = 0.0
+    """Standard deviation of the radio's bearing to a peer, degrees."""
+    radio_range_noise_m: NotNegative = 0.0
+    """Standard deviation of the radio's range to a peer, m."""
+
+
+class FaultSpec(_Section):
+    """Something that breaks during the run."""
+
+    time_s: NotNegative
+    """Mission time, s."""
+    vehicle: Annotated[int, Field(strict=True)] | None = None
+    """The vehicle that it happens to; null: all of them."""
+    kind: str
+    """What happens; `mock_vehicle.faults` knows the kinds."""
+
+
+class WorldSpec(_Section):
+    """A world file: x east, y north, z up, metres, degrees counter-clockwise from east."""
+
+    name: Annotated[str, Field(min_length=1)]
+    """Short name."""
+    size_m: Extent | None = None
+    """Extent in x and y, m; required without a map."""
+    origin_m: Point = (0.0, 0.0)
+    """Lower-left corner, m."""
+    closed: bool = True
+    """Whether solid outer walls stand around the extent."""
+    ceiling_m: Positive | None = None
+    """Height of the ceiling, m; null: open sky."""
+    map: MapSpec | None = None
+    """A ROS map in place of `size_m`."""
+    boxes: tuple[BoxSpec, ...] = ()
+    """Furniture, pillars, rubble."""
+    walls: tuple[WallSpec, ...] = ()
+    """Inner walls."""
+    cylinders: tuple[CylinderSpec, ...] = ()
+    """Columns, trees."""
+    victims: tuple[VictimSpec, ...] = ()
+    """Whom to find."""
+    starts: Starts = RandomStarts(random=RandomSpec())
+    """Where the vehicles stand at the beginning."""
+    coverage: CoverageSpec = CoverageSpec()
+    """How the referee counts."""
+    radio: RadioSpec = RadioSpec()
+    """The radio."""
+    infrared: InfraredSpec = InfraredSpec()
+    """The infrared sensor."""
+    wind: WindSpec = WindSpec()
+    """The wind."""
+    sensors: SensorsSpec = SensorsSpec()
+    """The other sensors."""
+    faults: tuple[FaultSpec, ...] = ()
+    """What breaks."""
+
+
+def read_spec(path: Path) -> WorldSpec:
+    """Read and validate a world file; WorldError when it cannot be read or says something wrong."""
+    data = _read_yaml(path)
+    try:
+        return WorldSpec.model_validate(data)
+    except PydanticError as error:
+        detail = error.errors(include_url=False)[0]
+        raise WorldError(path, _key(detail), _reason(detail)) from error
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise WorldError(path, "", f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise WorldError(path, "", "is not UTF-8 text") from error
+    except yaml.YAMLError as error:
+        raise WorldError(path, "", "is not YAML: " + " ".join(str(error).split())) from error
+    if not isinstance(data, dict):
+        raise WorldError(path, "", "should hold keys like name: and size_m:")
+    return data
+
+
+def _key(detail: ErrorDetails) -> str:
+    """Write pydantic's location as people do: `walls[0].doors[1].width_m`."""
+    parts = list(detail["loc"])
+    if parts[:1] == ["starts"]:
+        del parts[1:2]  # the tag of the union is no key of the file
+    parts += [detail["ctx"]["key"]] if detail["type"] == "unknown_key" else []
+    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).lstrip(".")
+
+
+def _reason(detail: ErrorDetails) -> str:
+    """Say what is wrong in the words of the file, with the value if it is short."""
+    message = _IN_OUR_WORDS.get(detail["type"], detail["msg"])
+    message = message.removeprefix("Input ").removeprefix("Tuple ").replace(" after validation", "")
+    silent = detail["type"] in {"missing", "unknown_key", "starts"}
+    value = detail["input"]
+    return message if silent or isinstance(value, dict | list) else f"{message}, not {value!r}"
