@@ -1,0 +1,71 @@
+"""The global best: a pull away from the peers of the own cluster (Eqs. 3 to 5)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_ctl.explore.chance import Floats
+
+NEAREST_M = 0.1
+"""Peers closer than this push as if they were this far away, which bounds 1/d."""
+
+
+def repulsion(
+    peers_m: Floats, vertical: float = 1.0, longest_m: float | None = None
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Give P_gb - x (n, d) in local NED, and who hears anybody (n,); zero for those who do not.
+
+    `peers_m` (n, k, d) holds the offsets peer minus own of the other members of the cluster,
+    padded with NaN. The length is D = sum of 1/d (Eq. 3), at most `longest_m`. The direction is
+    away from the centroid of the members in 2-D, and in 3-D along the sum of -offset / d^2, whose
+    down component counts `vertical` times. Peers all around that balance give no direction: zero.
+    """
+    present = ~np.isnan(peers_m[:, :, 0])
+    offset_m = np.where(present[:, :, None], peers_m, 0.0)
+    inverse = present / np.maximum(np.sqrt(np.einsum("nkd,nkd->nk", offset_m, offset_m)), NEAREST_M)
+    if peers_m.shape[2] == 3:
+        offset_m *= (inverse * inverse)[:, :, None]
+    away = -np.einsum("nkd->nd", offset_m)
+    if peers_m.shape[2] == 3:
+        away[:, 2] *= vertical
+    length_m = inverse.sum(axis=1)
+    if longest_m is not None:
+        length_m = np.minimum(length_m, longest_m)
+    size = np.sqrt(np.einsum("nd,nd->n", away, away))
+    away *= (length_m / np.maximum(size, 1e-9))[:, None]
+    return away, length_m > 0.0
+
+
+class Repulsion:
+    """The repulsion of each vehicle, "updated when a robot approaches other robots"."""
+
+    def __init__(
+        self,
+        vehicles: int,
+        dimensions: int,
+        *,
+        kept: bool,
+        vertical: float,
+        longest_m: float | None,
+    ) -> None:
+        self._kept = kept
+        self._vertical = vertical
+        self._longest_m = longest_m
+        self.vector_m: Floats = np.zeros((vehicles, dimensions))
+
+    def update(self, peers_m: Floats) -> None:
+        """Take the peers (n, k, d) heard now; who hears nobody keeps the last vector, or none."""
+        if peers_m.shape[1]:
+            vector_m, heard = repulsion(peers_m, self._vertical, self._longest_m)
+            if self._kept:
+                self.vector_m[heard] = vector_m[heard]
+            else:
+                self.vector_m = vector_m
+        elif not self._kept:
+            self.vector_m[:] = 0.0
+
+    def release(self, rows: NDArray[np.intp], blocked: Floats) -> None:
+        """Forget the vectors of `rows` that point along the directions `blocked` (m, d)."""
+        into = (self.vector_m[rows] * blocked).sum(axis=1) > 0.0
+        self.vector_m[rows[into]] = 0.0
