@@ -1,0 +1,330 @@
+"""ArduCopter 4.7, as recorded in `reference/ardupilot` (SITL, default parameters)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from mock_vehicle.autopilot import commands, streams
+from mock_vehicle.autopilot.base import (
+    NAN,
+    NOWHERE,
+    STILL,
+    STOP,
+    Autopilot,
+    LandedState,
+    Manoeuvre,
+    Mode,
+    Setpoint,
+    Severity,
+    SystemStatus,
+    Traits,
+    Vector,
+    rotated,
+)
+from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.streams import Encoder
+from mock_vehicle.dynamics import Limits, Loop
+from swarm_ctl import wire
+
+LIMITS = Limits(
+    # Shaped velocity: sqrt_controller, limited acceleration and jerk, then a pure delay.
+    horizontal=Loop(
+        velocity_gain_1_s=2.0,
+        accel_m_s2=2.5,  # WPNAV_ACCEL
+        jerk_m_s3=5.0,  # PSC_JERK_XY
+        delay_s=0.10,
+        speed_m_s=10.25,  # where 30 deg of lean end
+        thrust_m_s2=5.66,  # 30 deg
+        integral_1_s2=0.5,
+        integral_error_m_s=0.8,
+        drag_1_s=0.15,
+        drag_known=1.0,
+        position_gain_1_s=1.0,  # PSC_POSXY_P
+        position_accel_m_s2=1.25,
+    ),
+    vertical=Loop(
+        velocity_gain_1_s=3.0,
+        accel_m_s2=1.0,
+        jerk_m_s3=5.0,
+        delay_s=0.06,
+        speed_m_s=6.0,
+        thrust_m_s2=5.0,
+        integral_1_s2=0.2,
+        integral_error_m_s=0.5,
+        drag_1_s=0.15,
+        drag_known=1.0,
+        position_gain_1_s=1.0,
+        position_accel_m_s2=0.8,
+    ),
+    sink_m_s=6.0,
+    yaw_rate_rad_s=1.24,
+    yaw_accel_rad_s2=2.5,
+    yaw_gain_1_s=4.0,
+)
+
+STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE = 0, 3, 4, 5, 6, 9, 17
+
+MODES: Mapping[int, Mode] = {
+    STABILIZE: Mode("STABILIZE", 81, Manoeuvre.FALL, can_arm=True),
+    1: Mode("ACRO", 81, Manoeuvre.FALL, can_arm=True),
+    2: Mode("ALT_HOLD", 81, Manoeuvre.SINK, can_arm=True),
+    AUTO: Mode("AUTO", 89, Manoeuvre.HOLD, can_enter_flying=False),
+    GUIDED: Mode("GUIDED", 89, Manoeuvre.SETPOINT, can_arm=True),
+    LOITER: Mode("LOITER", 89, Manoeuvre.SINK, can_arm=True),
+    RTL: Mode("RTL", 89, Manoeuvre.RETURN),
+    7: Mode("CIRCLE", 89, Manoeuvre.HOLD),
+    LAND: Mode("LAND", 89, Manoeuvre.LAND),
+    14: Mode("FLIP", 81, Manoeuvre.HOLD, can_enter=False),
+    16: Mode("POSHOLD", 89, Manoeuvre.SINK, can_arm=True),
+    BRAKE: Mode("BRAKE", 89, Manoeuvre.HOLD),
+    21: Mode("SMART_RTL", 89, Manoeuvre.RETURN),
+    23: Mode("FOLLOW", 89, Manoeuvre.HOLD, can_enter=False),
+}
+ARMING_TEXTS: Mapping[int, str] = {AUTO: "Arm: Mode requires mission"}
+
+STREAM_ALL = 0
+STREAMS: Mapping[int, tuple[int, ...]] = {
+    # REQUEST_DATA_STREAM groups, as far as the mock has their messages.
+    2: (streams.SYS_STATUS.id,),
+    6: (streams.LOCAL_POSITION_NED.id,),
+    10: (streams.ATTITUDE.id,),
+    11: (streams.VFR_HUD.id,),
+    12: (streams.BATTERY_STATUS.id, streams.DISTANCE_SENSOR.id),
+}
+
+TRAITS = Traits(
+    autopilot=3,
+    capabilities=64495,
+    flight_sw_version=67567616,
+    limits=LIMITS,
+    modes=MODES,
+    first_mode=STABILIZE,
+    sensors=1131543599,
+    default_intervals_s={streams.HEARTBEAT.id: 1.0},
+    fixed_streams=frozenset(),
+    denial=Result.FAILED,
+    arm_nan_result=Result.UNSUPPORTED,  # the real one dies of it
+    arm_other_result=Result.UNSUPPORTED,
+    interval_refusal=Result.DENIED,
+    request_refusal=Result.FAILED,
+    vtol_state=3,
+    texts_armed=("Arming motors",),
+    texts_disarmed=("Disarming motors",),
+    texts_disarmed_by_landing=(),
+    texts_takeoff=(),
+    texts_landing=(),
+    not_landed_texts=(),
+    idle_disarm_s=10.4,
+    touchdown_s=1.7,
+    landed_disarm_s=0.5,
+    disarms_wherever_landed=False,
+    takeoff_announced_s=3.4,
+    takeoff_lift_s=3.4,
+    takeoff_speed_m_s=1.85,
+    takeoff_gain_1_s=1.1,
+    takeoff_slack_m=0.1,
+    setpoint_announced_s=None,
+    setpoint_lift_s=0.0,
+    setpoint_timeout_s=3.0,  # GUID_TIMEOUT
+    land_speeds_m_s=((10.0, 1.5), (-math.inf, 0.5)),
+    sink_m_s=2.5,
+)
+
+FASTEST_INTERVAL_US = 5000
+FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED = 1, 7
+BODY_FRAMES = frozenset({8, 9})
+FRAMES = BODY_FRAMES | {FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED}
+POSITION_BITS, VELOCITY_BITS, ACCELERATION_BITS = 0x007, 0x038, 0x1C0
+FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 0x200, 0x400, 0x800
+FASTEST_SETPOINT = 1000.0
+"""A larger number is no velocity."""
+CUSTOM_MODE_ENABLED = 1
+
+
+def set_mode(autopilot: ArduPilot, command: Command, now: float) -> int:
+    """Change the mode by number; param1 must say that it is a custom mode."""
+    base, number = whole(command.params[0]), whole(command.params[1])
+    if base is None or not base & CUSTOM_MODE_ENABLED:
+        return Result.DENIED
+    return autopilot.choose(-1 if number is None else number, now)
+
+
+def takeoff(autopilot: ArduPilot, command: Command, now: float) -> int:
+    """Climb to param7 above home; only in GUIDED, armed, on the ground."""
+    height = command.params[6]
+    ready = autopilot.armed and autopilot.mode == GUIDED and not autopilot.flying
+    if not ready or not math.isfinite(height) or height <= 0.0:
+        return Result.FAILED
+    autopilot.takeoff_height_m = height
+    autopilot.begin(Manoeuvre.TAKEOFF, now)
+    return Result.ACCEPTED
+
+
+def set_message_interval(autopilot: ArduPilot, command: Command, now: float) -> int:
+    """Refuse what is faster than the main loop, and a param3 that is not 0."""
+    interval_us, reserved = command.params[1:3]
+    if 0.0 < interval_us < FASTEST_INTERVAL_US:
+        text = "Requested rate is too fast. Increase SCHED_LOOP_RATE"
+        autopilot.say(Severity.WARNING, text, now)
+        return Result.DENIED
+    if reserved and not math.isnan(reserved):
+        return Result.DENIED
+    return commands.set_message_interval(autopilot, command, now)
+
+
+def get_message_interval(autopilot: ArduPilot, command: Command, now: float) -> int:  # noqa: ARG001
+    """Send MESSAGE_INTERVAL, 0 for an unknown message."""
+    known = commands.send_message_interval(autopilot, whole(command.params[0]), 0)
+    return Result.ACCEPTED if known else Result.FAILED
+
+
+def on_set_mode(autopilot: ArduPilot, frame: wire.Frame, now: float) -> None:
+    """Obey SET_MODE without a word."""
+    v = frame.values
+    if v.target_system in {0, autopilot.sysid}:
+        autopilot.choose(v.custom_mode, now)
+
+
+def on_request_data_stream(autopilot: ArduPilot, frame: wire.Frame, now: float) -> None:
+    """Start or stop a group of streams without a word."""
+    v = frame.values
+    if not autopilot.accepts_setpoint(v.target_system, v.target_component):
+        return
+    groups = STREAMS if v.req_stream_id == STREAM_ALL else (v.req_stream_id,)
+    for number in (number for group in groups for number in STREAMS.get(group, ())):
+        if v.start_stop and v.req_message_rate:
+            autopilot.streams.start(number, 1.0 / v.req_message_rate, now)
+        else:
+            autopilot.streams.stop(number)
+
+
+class ArduPilot(Autopilot):
+    """The ArduPilot personality."""
+
+    traits: ClassVar[Traits] = TRAITS
+    command_table: ClassVar[Mapping[int, CommandHandler]] = {
+        **commands.COMMANDS,
+        commands.DO_SET_MODE: set_mode,
+        commands.NAV_TAKEOFF: takeoff,
+        commands.NAV_LAND: commands.mode_command(LAND),
+        commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(RTL),
+        commands.NAV_LOITER_UNLIM: commands.mode_command(LOITER),
+        commands.SET_MESSAGE_INTERVAL: set_message_interval,
+        commands.GET_MESSAGE_INTERVAL: get_message_interval,
+    }
+    message_table: ClassVar[Mapping[int, MessageHandler]] = {
+        **commands.MESSAGES,
+        commands.SET_MODE.id: on_set_mode,
+        commands.REQUEST_DATA_STREAM.id: on_request_data_stream,
+    }
+    streamable: ClassVar[Mapping[int, Encoder]] = streams.COMMON
+    requestable: ClassVar[Mapping[int, Encoder]] = {
+        **streamable,
+        streams.AUTOPILOT_VERSION.id: streams.autopilot_version,
+    }
+
+    @property
+    def base_mode(self) -> int:
+        """As the mode table says."""
+        return MODES[self.mode].base_mode
+
+    def system_status(self, now: float) -> SystemStatus:
+        """STANDBY also while armed on the ground; ACTIVE once the motors are up."""
+        if now < self.boot_s:
+            return SystemStatus.BOOT
+        on_ground = self.landed_state is LandedState.ON_GROUND
+        return SystemStatus.STANDBY if on_ground else SystemStatus.ACTIVE
+
+    def accepts_command(self, system: int, component: int, number: int) -> bool:  # noqa: ARG002
+        """Execute broadcasts, and what is meant for components that do not exist."""
+        return system in {0, self.sysid}
+
+    def accepts_setpoint(self, system: int, component: int) -> bool:  # noqa: ARG002
+        """Obey broadcasts, too."""
+        return system in {0, self.sysid}
+
+    def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:
+        """Refuse while booting, and in modes that have no take-off."""
+        if now < self.boot_s:
+            return ["Arm: System not initialised"]
+        mode = MODES[self.mode]
+        if mode.can_arm or force:
+            return None
+        return [ARMING_TEXTS.get(self.mode, f"Arm: {mode.name} mode not armable")]
+
+    def enter(self, number: int, now: float) -> None:
+        """Tell a change of mode at once by a HEARTBEAT."""
+        changes = number != self.mode
+        super().enter(number, now)
+        if changes:
+            streams.heartbeat(self, now)
+
+    def choose(self, number: int, now: float) -> int:
+        """Change the mode, or say why not."""
+        mode = MODES.get(number)
+        if mode is None:
+            self.say(Severity.WARNING, f"No such mode {number}", now)
+            return Result.FAILED
+        if not mode.can_enter or (self.flying and not mode.can_enter_flying):
+            self.say(Severity.WARNING, f"Mode change to {mode.name} failed: init failed", now)
+            return Result.FAILED
+        self.enter(number, now)
+        return Result.ACCEPTED
+
+    def advance(self, now: float) -> None:
+        """Brake when a velocity has grown old; a position is held for ever."""
+        if self.manoeuvre is not Manoeuvre.SETPOINT or self.setpoint.is_position_only:
+            return
+        if now - self.setpoint_at >= self.traits.setpoint_timeout_s:
+            self.setpoint = STOP
+
+    def takeoff_done(self, now: float) -> None:
+        """GUIDED goes on holding the height."""
+        self.hold_takeoff_height(now)
+
+    def receive_setpoint(self, values: Any, now: float) -> None:
+        """Follow a setpoint in GUIDED; one that comes during a take-off ends it, wherever it is."""
+        if not self.armed or self.mode != GUIDED:
+            return
+        if self.manoeuvre is not Manoeuvre.SETPOINT:
+            self.begin(Manoeuvre.SETPOINT, now)
+        here = self.state[:3]
+        self.accept_setpoint(_read(values, here, self.state.yaw_rad), now)
+
+
+def _read(values: Any, here: Vector, yaw_rad: float) -> Setpoint:
+    """Understand a setpoint by groups: one ignore bit of a group ignores the whole group."""
+    frame, mask = values.coordinate_frame, values.type_mask
+    has_position = not mask & POSITION_BITS
+    has_velocity = not mask & VELOCITY_BITS
+    has_acceleration = not mask & ACCELERATION_BITS
+    pairs_ill = has_position and has_acceleration and not has_velocity
+    forces = has_acceleration and mask & FORCE_BIT
+    if frame not in FRAMES or forces or not (has_position or has_velocity or has_acceleration):
+        return STOP
+    position: Vector = (values.x, values.y, values.z)
+    velocity: Vector = (values.vx, values.vy, values.vz)
+    acceleration: Vector = (values.afx, values.afy, values.afz)
+    if frame in BODY_FRAMES:
+        position, velocity = rotated(position, yaw_rad), rotated(velocity, yaw_rad)
+        acceleration = rotated(acceleration, yaw_rad)
+    if frame != FRAME_LOCAL_NED:
+        position = (here[0] + position[0], here[1] + position[1], here[2] + position[2])
+    used = [
+        *(position if has_position else ()),
+        *(velocity if has_velocity else ()),
+        *(acceleration if has_acceleration and not has_position else ()),
+    ]
+    # "pos only (vel and acc ignored)"; pos+acc without vel is refused by the firmware.
+    if pairs_ill or not all(abs(value) < FASTEST_SETPOINT for value in used):
+        return STOP
+    fallback = STILL if has_position or not has_acceleration else NOWHERE
+    return Setpoint(
+        position if has_position else NOWHERE,
+        velocity if has_velocity else fallback,
+        acceleration if has_acceleration and not has_position else NOWHERE,
+        NAN if mask & YAW_BIT or not math.isfinite(values.yaw) else values.yaw,
+        NAN if mask & YAW_RATE_BIT or not math.isfinite(values.yaw_rate) else values.yaw_rate,
+    )

@@ -1,0 +1,238 @@
+"""Requests from the wire: commands and their acknowledgements, modes, setpoints, time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+from typing import NamedTuple
+
+from mock_vehicle.autopilot import streams
+from mock_vehicle.autopilot.base import Autopilot, Severity
+from swarm_ctl import wire
+
+COMMAND_ACK = wire.message("COMMAND_ACK")
+COMMAND_INT = wire.message("COMMAND_INT")
+COMMAND_LONG = wire.message("COMMAND_LONG")
+HEARTBEAT = wire.message("HEARTBEAT")
+MESSAGE_INTERVAL = wire.message("MESSAGE_INTERVAL")
+PING = wire.message("PING")
+REQUEST_DATA_STREAM = wire.message("REQUEST_DATA_STREAM")
+SET_MODE = wire.message("SET_MODE")
+SETPOINT = wire.message("SET_POSITION_TARGET_LOCAL_NED")
+TIMESYNC = wire.message("TIMESYNC")
+
+GCS = 6
+"""MAV_TYPE of a ground station."""
+FORCE = 21196
+"""The magic number of arm and disarm."""
+ARM_DISARM = 400
+DO_SET_MODE = 176
+GET_MESSAGE_INTERVAL = 510
+SET_MESSAGE_INTERVAL = 511
+REQUEST_MESSAGE = 512
+REQUEST_AUTOPILOT_CAPABILITIES = 520
+NAV_LOITER_UNLIM = 17
+NAV_RETURN_TO_LAUNCH = 20
+NAV_LAND = 21
+NAV_TAKEOFF = 22
+
+LONGEST_INTERVAL_S = 60.0
+"""ArduPilot clamps to it; PX4 was not asked."""
+
+
+class Result(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+
+
+class Command(NamedTuple):
+    """A COMMAND_LONG or COMMAND_INT that is for us."""
+
+    number: int
+    """MAV_CMD."""
+    params: tuple[float, ...]
+    """Seven; clients fill unused ones with NaN."""
+    sysid: int
+    compid: int
+    """The sender, who gets the acknowledgement."""
+
+
+CommandHandler = Callable[..., int | None]
+"""(autopilot, command, now) -> MAV_RESULT, or None for a handler that acknowledged itself."""
+MessageHandler = Callable[..., None]
+"""(autopilot, frame, now)."""
+
+
+def whole(value: float) -> int | None:
+    """Read an integer out of a float parameter; NaN, infinity and nonsense are None."""
+    return int(value) if math.isfinite(value) and abs(value) < 2**31 else None
+
+
+def acknowledge(autopilot: Autopilot, command: Command, result: int) -> None:
+    """Send COMMAND_ACK to the sender."""
+    autopilot.send(COMMAND_ACK, command.number, result, 0, 0, command.sysid, command.compid)
+
+
+def execute(autopilot: Autopilot, command: Command, now: float) -> None:
+    """Run a command through the personality's table and acknowledge it."""
+    handler = autopilot.command_table.get(command.number)
+    result = Result.UNSUPPORTED if handler is None else handler(autopilot, command, now)
+    if result is not None:
+        acknowledge(autopilot, command, result)
+
+
+# Commands.
+
+
+def arm_disarm(autopilot: Autopilot, command: Command, now: float) -> int | None:
+    """Arm or disarm; param2 = 21196 forces."""
+    wish, force = command.params[0], command.params[1] == FORCE
+    if math.isnan(wish):
+        return autopilot.traits.arm_nan_result
+    if wish not in {0.0, 1.0}:
+        return autopilot.traits.arm_other_result
+    return _arm(autopilot, now, force=force) if wish else _disarm(autopilot, now, force=force)
+
+
+def _arm(autopilot: Autopilot, now: float, *, force: bool) -> int:
+    if autopilot.armed:
+        return Result.ACCEPTED
+    refusals = autopilot.arming_refusals(now, force=force)
+    if refusals is None:
+        autopilot.arm(now)
+        return Result.ACCEPTED
+    for text in refusals:
+        autopilot.say(Severity.CRITICAL, text, now)
+    return autopilot.traits.denial
+
+
+def _disarm(autopilot: Autopilot, now: float, *, force: bool) -> int:
+    if autopilot.flying and not force:
+        for text in autopilot.traits.not_landed_texts:
+            autopilot.say(Severity.CRITICAL, text, now)
+        return autopilot.traits.denial
+    if autopilot.armed:
+        autopilot.disarm(now)
+    return Result.ACCEPTED
+
+
+def set_message_interval(autopilot: Autopilot, command: Command, now: float) -> int:
+    """Let a message flow at an interval in microseconds; -1 stops it, 0 restores the default."""
+    number, interval_us = whole(command.params[0]), whole(command.params[1])
+    refusal = autopilot.traits.interval_refusal
+    if number is None or number not in autopilot.streamable:
+        return refusal
+    is_fixed = number in autopilot.traits.fixed_streams
+    if is_fixed or interval_us is None or interval_us < -1:
+        return refusal
+    if interval_us == -1:
+        autopilot.streams.stop(number)
+    elif interval_us == 0:
+        autopilot.streams.restore(number, now)
+    else:
+        autopilot.streams.start(number, min(interval_us * 1e-6, LONGEST_INTERVAL_S), now)
+    return Result.ACCEPTED
+
+
+def send_message_interval(autopilot: Autopilot, number: int | None, unknown_us: int) -> bool:
+    """Send MESSAGE_INTERVAL and tell whether the message is known."""
+    known = number in autopilot.streamable
+    interval_s = autopilot.streams.interval_s(number) if number is not None else None
+    off_us = -1 if known else unknown_us
+    interval_us = off_us if interval_s is None else round(interval_s * 1e6)
+    autopilot.send(MESSAGE_INTERVAL, (number or 0) & 0xFFFF, interval_us)
+    return known
+
+
+def request_message(autopilot: Autopilot, command: Command, now: float) -> int | None:
+    """Acknowledge, then send a message once."""
+    number = whole(command.params[0])
+    if number is None or number not in autopilot.requestable:
+        return autopilot.traits.request_refusal
+    acknowledge(autopilot, command, Result.ACCEPTED)
+    autopilot.requestable[number](autopilot, now)
+    return None
+
+
+def request_capabilities(autopilot: Autopilot, command: Command, now: float) -> None:
+    """Acknowledge, then send AUTOPILOT_VERSION (the old way to ask)."""
+    acknowledge(autopilot, command, Result.ACCEPTED)
+    streams.autopilot_version(autopilot, now)
+
+
+def mode_command(number: int) -> CommandHandler:
+    """Make the handler of a command that is nothing but a mode."""
+
+    def handler(autopilot: Autopilot, command: Command, now: float) -> int:  # noqa: ARG001
+        autopilot.enter(number, now)
+        return Result.ACCEPTED
+
+    return handler
+
+
+# Messages.
+
+
+def on_command_long(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
+    """Execute a COMMAND_LONG."""
+    v = frame.values
+    if autopilot.accepts_command(v.target_system, v.target_component, v.command):
+        params = (v.param1, v.param2, v.param3, v.param4, v.param5, v.param6, v.param7)
+        execute(autopilot, Command(v.command, params, frame.sysid, frame.compid), now)
+
+
+def on_command_int(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
+    """Execute a COMMAND_INT as the same COMMAND_LONG."""
+    v = frame.values
+    if autopilot.accepts_command(v.target_system, v.target_component, v.command):
+        params = (v.param1, v.param2, v.param3, v.param4, float(v.x), float(v.y), v.z)
+        execute(autopilot, Command(v.command, params, frame.sysid, frame.compid), now)
+
+
+def on_setpoint(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
+    """Hand a setpoint to the personality, who knows its own rules."""
+    v = frame.values
+    if autopilot.accepts_setpoint(v.target_system, v.target_component):
+        autopilot.receive_setpoint(v, now)
+
+
+def on_timesync(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
+    """Answer a TIMESYNC request with the time since boot, at the next tick."""
+    if frame.values.tc1 == 0:
+        autopilot.send(TIMESYNC, int(now * 1e6) * 1000, frame.values.ts1)
+
+
+def on_ping(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:  # noqa: ARG001
+    """Answer a PING that asks everybody."""
+    v = frame.values
+    if v.target_system == 0 and v.target_component == 0:
+        autopilot.send(PING, v.time_usec, v.seq, frame.sysid, frame.compid)
+
+
+def on_heartbeat(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
+    """Note that a ground station listens."""
+    if frame.values.type == GCS:
+        autopilot.gcs_seen_at = now
+
+
+MESSAGES: Mapping[int, MessageHandler] = {
+    COMMAND_LONG.id: on_command_long,
+    COMMAND_INT.id: on_command_int,
+    SETPOINT.id: on_setpoint,
+    TIMESYNC.id: on_timesync,
+    HEARTBEAT.id: on_heartbeat,
+}
+"""What both autopilots listen to, by message id."""
+
+COMMANDS: Mapping[int, CommandHandler] = {
+    ARM_DISARM: arm_disarm,
+    REQUEST_MESSAGE: request_message,
+    REQUEST_AUTOPILOT_CAPABILITIES: request_capabilities,
+}
+"""What both autopilots execute alike, by MAV_CMD."""

@@ -1,0 +1,382 @@
+"""PX4 1.17, as recorded in `reference/px4` (SIH quadcopter, default parameters)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from mock_vehicle.autopilot import commands, streams
+from mock_vehicle.autopilot.base import (
+    NAN,
+    NOWHERE,
+    STOP,
+    Autopilot,
+    Manoeuvre,
+    Mode,
+    Setpoint,
+    Severity,
+    SystemStatus,
+    Traits,
+    rotated,
+)
+from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.streams import Encoder
+from mock_vehicle.dynamics import GRAVITY_M_S2, UNLIMITED, Limits, Loop
+from swarm_ctl import wire
+
+LIMITS = Limits(
+    # A PID on velocity without jerk limit, SIH's drag and a lagging attitude loop; fitted to
+    # step_responses.json.
+    horizontal=Loop(
+        velocity_gain_1_s=2.1,
+        accel_m_s2=GRAVITY_M_S2,  # tilt 45 deg
+        jerk_m_s3=UNLIMITED,
+        delay_s=0.12,
+        speed_m_s=12.0,  # MPC_XY_VEL_MAX
+        lag_s=0.15,
+        integral_1_s2=0.7,
+        integral_error_m_s=4.0,
+        damping=0.2,
+        drag_1_s=0.8,
+        position_gain_1_s=0.95,  # MPC_XY_P
+    ),
+    vertical=Loop(
+        velocity_gain_1_s=5.0,
+        accel_m_s2=8.5,
+        jerk_m_s3=UNLIMITED,
+        delay_s=0.04,
+        speed_m_s=3.0,
+        lag_s=0.06,
+        thrust_m_s2=8.5,
+        integral_1_s2=2.0,
+        drag_1_s=0.3,
+        position_gain_1_s=1.0,
+    ),
+    sink_m_s=1.5,
+    yaw_rate_rad_s=2.46,
+    yaw_accel_rad_s2=6.0,
+    yaw_gain_1_s=4.0,
+)
+
+
+def custom_mode(main: int, sub: int = 0) -> int:
+    """Build HEARTBEAT.custom_mode."""
+    return main << 16 | sub << 24
+
+
+MAIN_AUTO = 4
+ALTCTL = custom_mode(2)
+POSCTL = custom_mode(3)
+AUTO_TAKEOFF = custom_mode(MAIN_AUTO, 2)
+AUTO_LOITER = custom_mode(MAIN_AUTO, 3)
+AUTO_MISSION = custom_mode(MAIN_AUTO, 4)
+AUTO_RTL = custom_mode(MAIN_AUTO, 5)
+AUTO_LAND = custom_mode(MAIN_AUTO, 6)
+OFFBOARD = custom_mode(6)
+SUB_MISSION = 4
+
+MODES: Mapping[int, Mode] = {
+    custom_mode(1): Mode("MANUAL", 81, Manoeuvre.SINK, can_enter_flying=False),
+    ALTCTL: Mode("ALTCTL", 81, Manoeuvre.SINK, can_enter_flying=False),
+    POSCTL: Mode("POSCTL", 81, Manoeuvre.SINK, can_enter_flying=False),
+    custom_mode(5): Mode("ACRO", 65, Manoeuvre.SINK, can_enter_flying=False),
+    custom_mode(7): Mode("STABILIZED", 81, Manoeuvre.SINK, can_enter_flying=False),
+    OFFBOARD: Mode("OFFBOARD", 17, Manoeuvre.SETPOINT),
+    AUTO_TAKEOFF: Mode("AUTO.TAKEOFF", 29, Manoeuvre.TAKEOFF, can_arm=True),
+    AUTO_LOITER: Mode("AUTO.LOITER", 29, Manoeuvre.HOLD, can_arm=True),
+    AUTO_MISSION: Mode("AUTO.MISSION", 29, Manoeuvre.HOLD, can_enter_flying=False),
+    AUTO_RTL: Mode("AUTO.RTL", 29, Manoeuvre.RETURN),
+    AUTO_LAND: Mode("AUTO.LAND", 29, Manoeuvre.LAND),
+}
+MAIN_MODES = frozenset(number >> 16 & 0xFF for number in MODES)
+BASE_MODE_OFFBOARD_SILENT = 1
+"""Disarmed in OFFBOARD without setpoints."""
+
+DEFAULT_INTERVALS_S: Mapping[int, float] = {
+    # The offboard link; ATTITUDE, ATTITUDE_QUATERNION and LOCAL_POSITION_NED are faster there.
+    streams.HEARTBEAT.id: 1.0,
+    streams.ATTITUDE.id: 0.1,
+    streams.ATTITUDE_QUATERNION.id: 0.1,
+    streams.LOCAL_POSITION_NED.id: 0.1,
+    streams.DISTANCE_SENSOR.id: 0.1,
+    streams.VFR_HUD.id: 0.1,
+    streams.EXTENDED_SYS_STATE.id: 0.2,
+    streams.SYS_STATUS.id: 0.2,
+    streams.BATTERY_STATUS.id: 2.0,
+}
+
+TRAITS = Traits(
+    autopilot=12,
+    capabilities=59647,
+    flight_sw_version=17891392,
+    limits=LIMITS,
+    modes=MODES,
+    first_mode=AUTO_LOITER,
+    sensors=33570863,
+    default_intervals_s=DEFAULT_INTERVALS_S,
+    fixed_streams=frozenset({streams.HEARTBEAT.id}),
+    denial=Result.TEMPORARILY_REJECTED,
+    arm_nan_result=Result.ACCEPTED,
+    arm_other_result=None,
+    interval_refusal=Result.FAILED,
+    request_refusal=Result.DENIED,
+    vtol_state=0,
+    texts_armed=("Armed by external command\t",),
+    texts_disarmed=(),
+    texts_disarmed_by_landing=("Disarmed by landing\t",),
+    texts_takeoff=("Takeoff detected\t",),
+    texts_landing=("Landing detected\t",),
+    not_landed_texts=("Disarming denied: not landed\t",),
+    idle_disarm_s=10.0,  # COM_DISARM_PRFLT
+    touchdown_s=1.5,
+    landed_disarm_s=2.0,  # COM_DISARM_LAND
+    disarms_wherever_landed=True,
+    takeoff_announced_s=1.9,
+    takeoff_lift_s=4.4,
+    takeoff_speed_m_s=1.4,
+    takeoff_gain_1_s=1.0,
+    takeoff_slack_m=0.25,
+    setpoint_announced_s=2.0,
+    setpoint_lift_s=3.2,
+    setpoint_timeout_s=1.0,  # COM_OF_LOSS_T
+    land_speeds_m_s=((5.0, 1.3), (0.5, 0.7), (-math.inf, 0.3)),
+    sink_m_s=0.6,
+)
+
+GCS_TIMEOUT_S = 3.0
+FRAME_LOCAL_NED, FRAME_BODY_NED = 1, 8
+FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 0x200, 0x400, 0x800
+
+
+def set_mode(autopilot: Px4, command: Command, now: float) -> int:
+    """Change the mode by main and sub mode; the link acknowledges at once, then the commander."""
+    commands.acknowledge(autopilot, command, Result.ACCEPTED)
+    main, sub = whole(command.params[1]), whole(command.params[2])
+    return autopilot.choose(main or 0, sub or 0, now)
+
+
+def takeoff(autopilot: Px4, command: Command, now: float) -> int:
+    """Choose AUTO.TAKEOFF; param7 is AMSL, NaN is MIS_TAKEOFF_ALT. It does not arm."""
+    latitude, longitude, altitude = command.params[4:7]
+    height = altitude - autopilot.home_amsl_m if math.isfinite(altitude) else 2.5
+    if latitude == longitude == 0.0:
+        height = 0.0  # accepted, and never climbs (reference/clients.md, fact 19)
+    autopilot.takeoff_height_m = max(height, -autopilot.state.down_m)
+    autopilot.enter(AUTO_TAKEOFF, now)
+    autopilot.begin(Manoeuvre.TAKEOFF, now)
+    return Result.ACCEPTED
+
+
+def get_message_interval(autopilot: Px4, command: Command, now: float) -> int:  # noqa: ARG001
+    """Send MESSAGE_INTERVAL, -1 for anything that does not flow."""
+    commands.send_message_interval(autopilot, whole(command.params[0]), -1)
+    return Result.ACCEPTED
+
+
+def on_set_mode(autopilot: Px4, frame: wire.Frame, now: float) -> None:
+    """Obey SET_MODE as DO_SET_MODE, with one acknowledgement."""
+    v = frame.values
+    if v.target_system in {0, autopilot.sysid}:
+        result = autopilot.choose(v.custom_mode >> 16 & 0xFF, v.custom_mode >> 24, now)
+        command = Command(commands.DO_SET_MODE, (), frame.sysid, frame.compid)
+        commands.acknowledge(autopilot, command, result)
+
+
+class Px4(Autopilot):
+    """The PX4 personality."""
+
+    traits: ClassVar[Traits] = TRAITS
+    command_table: ClassVar[Mapping[int, CommandHandler]] = {
+        **commands.COMMANDS,
+        commands.DO_SET_MODE: set_mode,
+        commands.NAV_TAKEOFF: takeoff,
+        commands.NAV_LAND: commands.mode_command(AUTO_LAND),
+        commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(AUTO_RTL),
+        commands.SET_MESSAGE_INTERVAL: commands.set_message_interval,
+        commands.GET_MESSAGE_INTERVAL: get_message_interval,
+    }
+    message_table: ClassVar[Mapping[int, MessageHandler]] = {
+        **commands.MESSAGES,
+        commands.SET_MODE.id: on_set_mode,
+        commands.PING.id: commands.on_ping,
+    }
+    streamable: ClassVar[Mapping[int, Encoder]] = streams.COMMON
+    requestable: ClassVar[Mapping[int, Encoder]] = {
+        **streamable,
+        streams.AUTOPILOT_VERSION.id: streams.autopilot_version,
+    }
+
+    in_failsafe = False
+    """OFFBOARD has lost its setpoints: POSCTL is flown until they come back."""
+
+    @property
+    def base_mode(self) -> int:
+        """1 says that OFFBOARD is chosen and nobody sends setpoints."""
+        silent = self.setpoint_at == -math.inf
+        if self.mode == OFFBOARD and not self.armed and silent:
+            return BASE_MODE_OFFBOARD_SILENT
+        return MODES[self.reported_mode].base_mode
+
+    @property
+    def reported_mode(self) -> int:
+        """Give what is flown, not what was chosen."""
+        return POSCTL if self.in_failsafe else self.mode
+
+    def system_status(self, now: float) -> SystemStatus:
+        """UNINIT comes back whenever a mode is chosen that cannot arm."""
+        if self.in_failsafe:
+            return SystemStatus.CRITICAL
+        if self.armed:
+            return SystemStatus.ACTIVE
+        ready = self.arming_refusals(now, force=False) is None
+        return SystemStatus.STANDBY if ready else SystemStatus.UNINIT
+
+    def accepts_command(self, system: int, component: int, number: int) -> bool:
+        """Ignore broadcast systems, but for the old version request."""
+        to_all = system == 0 and number == commands.REQUEST_AUTOPILOT_CAPABILITIES
+        ours = to_all or system == self.sysid
+        return ours and component in {0, 1}
+
+    def accepts_setpoint(self, system: int, component: int) -> bool:
+        """Accept broadcasts."""
+        return system in {0, self.sysid} and component in {0, 1}
+
+    def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:  # noqa: ARG002
+        """Refuse before the boot is over, and in a mode that cannot fly."""
+        if now < self.boot_s:
+            return ["Arming denied: Resolve system health failures first\t"]
+        can_arm = self._has_setpoints(now) if self.mode == OFFBOARD else MODES[self.mode].can_arm
+        return None if can_arm else []
+
+    def may_speak(self, now: float) -> bool:
+        """PX4 sends STATUSTEXT only while a ground station's heartbeat arrives."""
+        return now - self.gcs_seen_at < GCS_TIMEOUT_S
+
+    def choose(self, main: int, sub: int, now: float) -> int:
+        """Change the mode, or give the commander's reason why not."""
+        if main not in MAIN_MODES:
+            return Result.ACCEPTED  # and nothing changes
+        number = custom_mode(main, (sub or SUB_MISSION) if main == MAIN_AUTO else 0)
+        if number not in MODES:
+            return Result.TEMPORARILY_REJECTED
+        if self.armed and not self._can_enter_armed(number, now):
+            name = MODES[number].name.removeprefix("AUTO.").capitalize()
+            self.say(Severity.CRITICAL, f"Switching to {name} is currently not available\t", now)
+            return Result.TEMPORARILY_REJECTED
+        if number == AUTO_TAKEOFF != self.mode:
+            self.takeoff_height_m = max(2.5, -self.state.down_m)
+        self.enter(number, now)
+        return Result.ACCEPTED
+
+    def _can_enter_armed(self, number: int, now: float) -> bool:
+        if number == OFFBOARD:
+            return self._has_setpoints(now)
+        return MODES[number].can_enter_flying
+
+    def _has_setpoints(self, now: float) -> bool:
+        return now - self.setpoint_at <= self.traits.setpoint_timeout_s
+
+    def enter(self, number: int, now: float) -> None:
+        """End the failsafe by any mode, and go on with the last setpoint in OFFBOARD."""
+        setpoint, was_lost = self.setpoint, self.in_failsafe
+        self.in_failsafe = False
+        if was_lost and number == self.mode:
+            self.begin(MODES[number].manoeuvre, now)
+        super().enter(number, now)
+        if number == OFFBOARD:
+            self.setpoint = setpoint
+            self.steer(now)
+
+    def disarm(self, now: float) -> None:
+        """Return to the mode that the user chose."""
+        super().disarm(now)
+        if self.in_failsafe:
+            self.enter(OFFBOARD, now)
+
+    def advance(self, now: float) -> None:
+        """Enter the failsafe when OFFBOARD gets no setpoints (COM_OBL_RC_ACT 0, no RC)."""
+        if not self.armed or self.mode != OFFBOARD or self.in_failsafe or self._has_setpoints(now):
+            return
+        self.in_failsafe = True
+        self.say(Severity.CRITICAL, "Failsafe activated\t", now)
+        self.begin(Manoeuvre.SINK, now)
+
+    def takeoff_done(self, now: float) -> None:
+        """PX4 loiters by itself after a take-off."""
+        self.mode = AUTO_LOITER
+        self.hold_takeoff_height(now)
+
+    def receive_setpoint(self, values: Any, now: float) -> None:
+        """Take a setpoint in any mode: OFFBOARD is entered only while they come."""
+        complaint = _complaint(values)
+        if complaint:
+            self.say(Severity.CRITICAL, complaint, now)
+            return
+        setpoint = _read(values, self.state.yaw_rad)
+        if self.in_failsafe:
+            self.setpoint_at = now
+            self.enter(OFFBOARD, now)
+        self.accept_setpoint(setpoint, now)
+
+
+def _groups(values: Any) -> Setpoint:
+    """Take what is not ignored, axis by axis."""
+    mask = values.type_mask
+    given = (
+        values.x,
+        values.y,
+        values.z,
+        values.vx,
+        values.vy,
+        values.vz,
+        values.afx,
+        values.afy,
+        values.afz,
+    )
+    x, y, z, vx, vy, vz, ax, ay, az = (
+        NAN if mask >> bit & 1 else value for bit, value in enumerate(given)
+    )
+    return Setpoint(
+        (x, y, z),
+        (vx, vy, vz),
+        (ax, ay, az),
+        NAN if mask & YAW_BIT or not math.isfinite(values.yaw) else values.yaw,
+        NAN if mask & YAW_RATE_BIT or not math.isfinite(values.yaw_rate) else values.yaw_rate,
+    )
+
+
+def _complaint(values: Any) -> str | None:
+    """Say why this message does not even count as a setpoint."""
+    frame = values.coordinate_frame
+    if frame not in {FRAME_LOCAL_NED, FRAME_BODY_NED}:
+        return f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported\t"
+    setpoint = _groups(values)
+    accelerates = not all(map(math.isnan, setpoint.acceleration_m_s2))
+    if values.type_mask & FORCE_BIT and accelerates:
+        return "SET_POSITION_TARGET_LOCAL_NED force not supported\t"
+    moves = setpoint.position_m + setpoint.velocity_m_s + setpoint.acceleration_m_s2
+    in_body = frame == FRAME_BODY_NED and not all(map(math.isnan, setpoint.position_m))
+    if in_body or all(map(math.isnan, moves)):
+        return "SET_POSITION_TARGET_LOCAL_NED invalid\t"
+    return None
+
+
+def _read(values: Any, yaw_rad: float) -> Setpoint:
+    """Understand a setpoint; one with half a plane or without a vertical axis stops."""
+    setpoint = _groups(values)
+    moves = (setpoint.position_m, setpoint.velocity_m_s, setpoint.acceleration_m_s2)
+    if any(math.isinf(value) for group in moves for value in group):
+        return STOP
+    if any(math.isnan(group[0]) != math.isnan(group[1]) for group in moves):
+        return STOP
+    if all(math.isnan(group[0]) for group in moves) or all(math.isnan(group[2]) for group in moves):
+        return STOP
+    if values.coordinate_frame == FRAME_BODY_NED:
+        # NaN of an ignored axis must not spread over the others by the rotation.
+        return setpoint._replace(
+            position_m=NOWHERE,
+            velocity_m_s=rotated(setpoint.velocity_m_s, yaw_rad),
+            acceleration_m_s2=rotated(setpoint.acceleration_m_s2, yaw_rad),
+        )
+    return setpoint

@@ -1,0 +1,226 @@
+"""The command `mock-vehicle`: a fleet of mock autopilots on UDP ports."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mock_vehicle.errors import MockVehicleError
+from mock_vehicle.faults import Fault, parse_fault
+from mock_vehicle.fleet import Fleet
+from mock_vehicle.server import Port, PortError, Server
+from mock_vehicle.world import load_world
+
+SYSID_MAX = 255
+PORT_MAX = 65535
+LOCALHOST = "127.0.0.1"
+PX4_BIND, PX4_REMOTE = 14580, 14540
+"""PX4's offboard link: instance i listens on 14580 + i and calls 14540 + i."""
+ARDUPILOT_BIND, ARDUPILOT_REMOTE = 14650, 14550
+"""ArduPilot calls the one port of a ground station."""
+
+
+class Autopilot(StrEnum):
+    """Which autopilots the fleet pretends to be."""
+
+    PX4 = "px4"
+    ARDUPILOT = "ardupilot"
+    MIXED = "mixed"
+
+    def personalities(self, vehicles: int) -> list[str]:
+        """Name one personality per vehicle; a mixed fleet alternates."""
+        if self is Autopilot.MIXED:
+            return [("px4", "ardupilot")[index % 2] for index in range(vehicles)]
+        return [self.value] * vehicles
+
+
+def run(
+    world: Annotated[Path, typer.Argument(help="World file (YAML).", metavar="WORLD")],
+    vehicles: Annotated[int, typer.Option(help="How many vehicles.", min=1, max=SYSID_MAX)] = 1,
+    autopilot: Annotated[Autopilot, typer.Option(help="What they pretend to be.")] = Autopilot.PX4,
+    speed: Annotated[
+        float, typer.Option(help="Mission seconds per second.", min=0.01, max=1000.0)
+    ] = 1.0,
+    seed: Annotated[int, typer.Option(help="Seed of starts, noise, wind and losses.", min=0)] = 1,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[
+        int | None,
+        typer.Option(
+            help="First port to listen on; 0 takes free ones and calls nobody unasked. "
+            "(default: 14580 + i for px4, 14650 + i for ardupilot)",
+            min=0,
+            max=65535,
+        ),
+    ] = None,
+    remote: Annotated[
+        str | None,
+        typer.Option(
+            help="Whom every vehicle calls. (default: 14540 + i for px4, 14550 for ardupilot)",
+            metavar="HOST:PORT",
+        ),
+    ] = None,
+    first_sysid: Annotated[int, typer.Option(help="sysid of the first.", min=1, max=255)] = 1,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="What goes wrong; repeatable.", metavar="KIND:SYSID@SECONDS"),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the truth, at the end.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Stop after so many mission seconds.", min=0.02)
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report JSON lines; stop when stdin closes.")
+    ] = False,
+) -> None:
+    """Fly a fleet of mock MAVLink vehicles until stopped."""
+    logging.basicConfig(format="mock-vehicle: %(message)s", stream=sys.stderr)
+    personalities = autopilot.personalities(vehicles)
+    try:
+        ports = plan_ports(personalities, host=host, base=port, remote=remote)
+        faults = [parse_fault(text) for text in fault or ()]
+        fleet = _fleet(world, personalities, seed=seed, first_sysid=first_sysid, faults=faults)
+    except (MockVehicleError, ValueError, OSError) as error:
+        typer.echo(f"mock-vehicle: {error}", err=True)
+        raise typer.Exit(2) from None
+    show = _show_json if as_json else _show_human
+    try:
+        asyncio.run(_serve(fleet, ports, show, speed=speed, duration_s=duration, out=out))
+    except PortError as error:
+        typer.echo(f"mock-vehicle: {error}", err=True)
+        raise typer.Exit(2) from None
+
+
+def plan_ports(
+    personalities: list[str], *, host: str, base: int | None, remote: str | None
+) -> list[Port]:
+    """Give every vehicle the ports of its autopilot's own simulator, unless told otherwise."""
+    called = parse_remote(remote) if remote is not None else None
+    ports: list[Port] = []
+    for index, personality in enumerate(personalities):
+        is_px4 = personality == "px4"
+        first = (PX4_BIND if is_px4 else ARDUPILOT_BIND) if base is None else base
+        bind = first + index if first else 0
+        if bind > PORT_MAX:
+            raise ValueError(f"--port {base}: vehicle {index + 1} would listen beyond {PORT_MAX}")
+        default = (LOCALHOST, PX4_REMOTE + index if is_px4 else ARDUPILOT_REMOTE)
+        ports.append(Port((host, bind), called or (default if base != 0 else None)))
+    return ports
+
+
+def parse_remote(text: str) -> tuple[str, int]:
+    """Read HOST:PORT; the host becomes an address here, never while flying."""
+    host, colon, port = text.rpartition(":")
+    if not colon or not port.isdecimal() or not 0 < int(port) <= PORT_MAX:
+        raise ValueError(f"--remote {text}: expected HOST:PORT, as 127.0.0.1:14540")
+    try:
+        return socket.gethostbyname(host), int(port)
+    except OSError:
+        raise ValueError(f"--remote {text}: there is no host {host!r}") from None
+
+
+def _fleet(
+    world: Path, personalities: list[str], *, seed: int, first_sysid: int, faults: list[Fault]
+) -> Fleet:
+    last = first_sysid + len(personalities) - 1
+    if last > SYSID_MAX:
+        raise ValueError(f"--first-sysid {first_sysid}: sysids would end at {last}, not 255")
+    return Fleet(
+        load_world(world), personalities, seed=seed, first_sysid=first_sysid, faults=faults
+    )
+
+
+async def _serve(
+    fleet: Fleet,
+    ports: list[Port],
+    show: Callable[[Fleet, Server], AbstractContextManager[Callable[[], None]]],
+    *,
+    speed: float,
+    duration_s: float | None,
+    out: Path | None,
+) -> None:
+    """Fly, then write the truth."""
+    server = Server(fleet, ports, speed=speed)
+    watch_stdin = show is _show_json
+    with show(fleet, server) as report:
+        await server.run(duration_s=duration_s, report=report, watch_stdin=watch_stdin)
+        if out is not None:
+            fleet.referee.write(out)
+
+
+@contextmanager
+def _show_json(fleet: Fleet, server: Server) -> Iterator[Callable[[], None]]:
+    """Print one object per line: ready, progress every second, done."""
+
+    def write(content: dict[str, Any]) -> None:
+        try:
+            sys.stdout.write(json.dumps(content, allow_nan=False) + "\n")
+            sys.stdout.flush()
+        except BrokenPipeError:  # nobody listens any more
+            server.stop()
+
+    def progress() -> dict[str, Any]:
+        return {**fleet.referee.snapshot(), "behind_s": round(server.behind_s, 3)}
+
+    write({"ready": server.ready()})
+    yield lambda: write(progress())
+    write({"done": progress()})
+
+
+@contextmanager
+def _show_human(fleet: Fleet, server: Server) -> Iterator[Callable[[], None]]:
+    """Print who listens where, then one line that lives."""
+    from rich.console import Console  # noqa: PLC0415 - only people wait for it
+    from rich.live import Live  # noqa: PLC0415
+
+    console = Console(highlight=False)
+    console.print(_introduction(fleet, server))
+    started_s = last_s = time.monotonic()
+    last_mission_s = 0.0
+
+    with Live(console=console, auto_refresh=False) as live:
+
+        def report() -> None:
+            nonlocal last_s, last_mission_s
+            now_s = time.monotonic()
+            factor = (server.time_s - last_mission_s) / max(now_s - last_s, 1e-3)
+            last_s, last_mission_s = now_s, server.time_s
+            live.update(_status(fleet, factor), refresh=True)
+
+        yield report
+        live.update(_status(fleet, server.time_s / (time.monotonic() - started_s)), refresh=True)
+
+
+def _introduction(fleet: Fleet, server: Server) -> str:
+    vehicles = ", ".join(
+        f"{sysid} {personality} udp {port}"
+        for sysid, personality, port in zip(
+            fleet.sysids, fleet.personalities, server.ports, strict=True
+        )
+    )
+    return f"{fleet.world.name}: {vehicles}; Ctrl-C ends"
+
+
+def _status(fleet: Fleet, factor: float) -> str:
+    seen = fleet.referee.snapshot()
+    return (
+        f"{seen['time_s']:6.1f} s  {seen['airborne']}/{fleet.n} airborne  "
+        f"coverage {seen['coverage_fraction']:.1%}  "
+        f"victims {seen['victims_found']}/{seen['victims_total']}  "
+        f"collisions {seen['collisions']}  {factor:.1f} x real time"
+    )
+
+
+def main() -> None:
+    """Run the command line."""
+    typer.run(run)

@@ -1,0 +1,332 @@
+"""Everything stepped together: physics, contacts, sensors, radio, telemetry; bytes and `now` in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mock_vehicle.dynamics import Control, Dynamics
+from mock_vehicle.faults import (
+    BATTERY_LEFT,
+    FREEZE_S,
+    Fault,
+    FleetKilled,
+    Schedule,
+    check,
+    world_faults,
+)
+from mock_vehicle.radio import Radio
+from mock_vehicle.referee import PARTED_M, Referee
+from mock_vehicle.sensors.battery import Batteries
+from mock_vehicle.sensors.infrared import Infrared
+from mock_vehicle.sensors.rangefinder import BODY_RADIUS_M, RANGE_MIN_M, Rangefinders
+from mock_vehicle.sensors.readings import Readings
+from mock_vehicle.vehicle import LIMITS, Personality, Vehicle, refresh_all
+
+if TYPE_CHECKING:
+    from mock_vehicle.world import World
+    from mock_vehicle.world.spec import WindSpec
+
+FLOATS = NDArray[np.float64]
+INDICES = NDArray[np.intp]
+
+STEP_S = 0.02
+TICK_S = 0.1
+STEPS_PER_TICK = round(TICK_S / STEP_S)
+REACH_S = 0.15
+"""Whoever cannot touch anything within this time at twice its speed is not checked each step."""
+PROBES_M = 0.01 * np.eye(3)
+"""Steps of the finite differences that tell where a wall pushes."""
+DRIFT_TURN_RAD_SQRT_S = 0.06
+"""Random walk of the direction in which odometry drifts."""
+GUST_S = 3.0
+"""Correlation time of gusts."""
+
+
+class Fleet:
+    """A fleet in its world, without sockets and clocks."""
+
+    def __init__(
+        self,
+        world: World,
+        personalities: Sequence[str],
+        *,
+        seed: int,
+        first_sysid: int = 1,
+        boot_s: float = 1.0,
+        faults: Sequence[Fault] = (),
+    ) -> None:
+        self.world = world
+        self.personalities = list(personalities)
+        self.n = len(self.personalities)
+        self.sysids = list(range(first_sysid, first_sysid + self.n))
+        check(faults, self.sysids)
+        struck = [f for f in world_faults(world) if f.vehicle in {None, *self.sysids}]
+        self._faults = Schedule([*struck, *faults])
+        rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+        self._build(world, personalities, seed, boot_s)
+        self._equip(world, rngs)
+        self._steps = 0
+        self._frozen_until = np.zeros(self.n)
+        self._near_walls: INDICES = np.arange(self.n)
+        first, second = np.triu_indices(self.n, 1)
+        self._near_pairs: tuple[INDICES, INDICES] = (first, second)
+
+    def _build(self, world: World, personalities: Sequence[str], seed: int, boot_s: float) -> None:
+        self.starts_ned_m, yaw_rad = world.starts(self.n, seed)
+        limits = [LIMITS[personality] for personality in personalities]
+        self.dynamics = Dynamics(self.n, self.starts_ned_m, yaw_rad, limits)
+        self.readings = Readings.blank(self.n)
+        self.readings.range_max_m = world.spec.sensors.range_max_m
+        self.readings.range_min_m = RANGE_MIN_M
+        self.vehicles = [
+            Vehicle(
+                index,
+                sysid,
+                cast("Personality", personality),
+                self.dynamics,
+                self.readings,
+                self.starts_ned_m[index],
+                boot_s=boot_s,
+                uid=seed << 8 | sysid,
+            )
+            for index, (sysid, personality) in enumerate(
+                zip(self.sysids, personalities, strict=True)
+            )
+        ]
+
+    def _equip(self, world: World, rngs: list[np.random.Generator]) -> None:
+        spec, sensors = world.spec, world.spec.sensors
+        self._rangefinders = Rangefinders(
+            range_max_m=sensors.range_max_m, noise_m=sensors.range_noise_m, rng=rngs[0]
+        )
+        self._ranges_lost = np.zeros(self.n, dtype=bool)
+        self._infrared = Infrared(world)
+        self.batteries = Batteries(self.n)
+        self.radio = Radio(
+            self.sysids,
+            radius_m=spec.radio.radius_m,
+            delay_s=spec.radio.delay_s,
+            loss_fraction=spec.radio.loss_fraction,
+            range_noise_m=sensors.radio_range_noise_m,
+            bearing_noise_rad=math.radians(sensors.bearing_noise_deg),
+            rng=rngs[1],
+        )
+        self._drift = _Drift(self.starts_ned_m, sensors.odometry_drift_fraction, rngs[2])
+        self._wind = _Wind(spec.wind, rngs[3])
+        self.referee = Referee(world, self.vehicles, self.batteries, self.starts_ned_m)
+
+    def receive(self, index: int, data: bytes, now: float) -> None:
+        """Take a datagram that arrived at the endpoint of vehicle `index`."""
+        if not self._hears(index, now):
+            return
+        for frame in self.vehicles[index].receive(data, now):
+            self.radio.send(index, frame, now)
+
+    def step(self, now: float) -> list[tuple[int, bytes]]:
+        """Advance by `STEP_S` to `now`; give the datagrams (index, bytes) that leave."""
+        for fault in self._faults.due(now):
+            self._strike(fault, now)
+        for index, frame in self.radio.carry(now):
+            if self._hears(index, now):
+                self.vehicles[index].deliver(frame)
+        self.dynamics.step(STEP_S, self._wind.over(self.dynamics.on_ground))
+        self._steps += 1
+        if self._steps % 2 == 0:
+            self._touch_walls()
+        self._touch_one_another()
+        return [] if self._steps % STEPS_PER_TICK else self._tick(now)
+
+    def _tick(self, now: float) -> list[tuple[int, bytes]]:
+        """Let all sensors measure, the referee look and the autopilots speak."""
+        position = self.dynamics.position_ned_m
+        gap = position[None, :, :] - position[:, None, :]
+        distances = np.sqrt(np.einsum("ijk,ijk->ij", gap, gap))
+        alive = np.array([vehicle.alive for vehicle in self.vehicles])
+        airborne = ~self.dynamics.on_ground & alive
+        sightings = self._infrared.see(position, airborne)
+        self._read(distances, alive, sightings)
+        self._drain(alive)
+        self.referee.sample(now, position, airborne, distances, sightings)
+        self._wind.blow(TICK_S)
+        self._find_near(distances)
+        refresh_all(self.vehicles, self.dynamics, self.readings)
+        return [
+            (index, data)
+            for index, vehicle in enumerate(self.vehicles)
+            if self._hears(index, now)
+            for data in vehicle.tick(now)
+        ]
+
+    def _read(
+        self, distances: FLOATS, alive: NDArray[np.bool_], sightings: tuple[INDICES, ...]
+    ) -> None:
+        """Write the readings of rangefinders, radio, infrared and odometry."""
+        body, readings = self.dynamics, self.readings
+        position, attitude = body.position_ned_m, (body.roll_rad, body.pitch_rad, body.yaw_rad)
+        close = distances < self._rangefinders.range_max_m + BODY_RADIUS_M
+        np.fill_diagonal(close, val=False)
+        seer, seen = np.nonzero(close)
+        ranges = self._rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen))
+        ranges[self._ranges_lost] = math.nan
+        readings.ranges_m[:] = ranges
+        self.radio.update(distances, alive)
+        readings.peers[:] = self.radio.fixes(position, attitude)
+        readings.victims[:] = self._infrared.fixes(sightings, position, attitude)
+        readings.drift_ned_m[:] = self._drift.move(position)
+
+    def _drain(self, alive: NDArray[np.bool_]) -> None:
+        """Empty the batteries by one tick; who has nothing left falls silent and drops."""
+        spinning = self.dynamics.control != Control.OFF
+        airborne = ~self.dynamics.on_ground
+        self.batteries.step(
+            TICK_S,
+            self.dynamics.velocity_ned_m_s,
+            airborne=airborne,
+            powered=alive,
+            spinning=spinning,
+        )
+        for index in np.nonzero(alive & (self.batteries.fraction <= 0.0))[0].tolist():
+            self._kill(index)
+        self.readings.battery_fraction[:] = self.batteries.fraction
+        self.readings.battery_voltage_v[:] = self.batteries.voltage_v
+        self.readings.battery_current_a[:] = self.batteries.current_a
+
+    def _hears(self, index: int, now: float) -> bool:
+        """Tell whether the autopilot answers: it is alive and not frozen."""
+        return self.vehicles[index].alive and now >= self._frozen_until[index]
+
+    def _strike(self, fault: Fault, now: float) -> None:
+        if fault.kind == "fleet":
+            raise FleetKilled
+        for index, sysid in enumerate(self.sysids):
+            if fault.vehicle not in {None, sysid}:
+                continue
+            match fault.kind:
+                case "dead":
+                    self._kill(index)
+                case "silent-radio":
+                    self.radio.silence(sysid)
+                case "battery":
+                    self.batteries.discharge_to(index, BATTERY_LEFT)
+                case "rangefinder":
+                    self._ranges_lost[index] = True
+                case "freeze":
+                    self._frozen_until[index] = now + FREEZE_S
+
+    def _kill(self, index: int) -> None:
+        self.vehicles[index].alive = False
+        self.dynamics.control[index] = Control.OFF
+
+    def _find_near(self, distances: FLOATS) -> None:
+        """Note who could touch something before the next tick; only they are checked each step."""
+        velocity = self.dynamics.velocity_ned_m_s
+        reach = REACH_S * np.sqrt(np.einsum("ij,ij->i", velocity, velocity)) + PARTED_M + 0.01
+        clearance = self.world.clearance(self.dynamics.position_ned_m)
+        (self._near_walls,) = np.nonzero(clearance < BODY_RADIUS_M + reach)
+        meet = distances < 2.0 * BODY_RADIUS_M + reach[:, None] + reach
+        first, second = np.nonzero(np.triu(meet, 1))
+        self._near_pairs = first, second
+
+    def _touch_walls(self) -> None:
+        """Stop at the surface whoever is pressed into a wall; it slides along."""
+        near, airborne = self._near_walls, ~self.dynamics.on_ground
+        clearance = np.full(self.n, math.inf)
+        if airborne[near].any():
+            clearance[near] = self.world.clearance(self.dynamics.position_ned_m[near])
+        self.referee.observe_walls(clearance, airborne)
+        (pressed,) = np.nonzero((clearance < BODY_RADIUS_M) & airborne)
+        if len(pressed):
+            self._push_out(pressed, clearance[pressed])
+
+    def _push_out(self, pressed: INDICES, clearance: FLOATS) -> None:
+        position = self.dynamics.position_ned_m[pressed]
+        probes = (position[:, None, :] + PROBES_M).reshape(-1, 3)
+        normal = self.world.clearance(probes).reshape(-1, 3) - clearance[:, None]
+        length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+        normal /= np.maximum(length, 1e-9)[:, None]
+        self.dynamics.position_ned_m[pressed] += normal * (BODY_RADIUS_M - clearance)[:, None]
+        self._stop_along(pressed, normal)
+
+    def _touch_one_another(self) -> None:
+        """Count who touches whom; the airborne of them are held apart."""
+        first, second = self._near_pairs
+        if not len(first):
+            self.referee.observe_pairs([], np.empty(0), np.empty(0, dtype=bool))
+            return
+        position, grounded = self.dynamics.position_ned_m, self.dynamics.on_ground
+        gap = position[second] - position[first]
+        distance = np.sqrt(np.einsum("ij,ij->i", gap, gap))
+        counts = ~(grounded[first] & grounded[second])
+        pairs = list(zip(first.tolist(), second.tolist(), strict=True))
+        self.referee.observe_pairs(pairs, distance, counts)
+        for pair in np.nonzero((distance < 2.0 * BODY_RADIUS_M) & counts)[0].tolist():
+            away = gap[pair : pair + 1] / max(distance[pair], 1e-9)
+            depth = 2.0 * BODY_RADIUS_M - distance[pair]
+            for index, direction in ((first[pair], -away), (second[pair], away)):
+                if not grounded[index]:
+                    position[index] += 0.5 * depth * direction[0]
+                    self._stop_along(np.array([index]), direction)
+
+    def _stop_along(self, indices: INDICES, normal: FLOATS) -> None:
+        """Take away what goes against the normal: velocity, thrust and the wind-up behind it."""
+        body = self.dynamics
+        for motion in (body.velocity_ned_m_s, body._thrust, body._integral):  # noqa: SLF001 - as the ground does
+            moving = motion[indices]
+            inward = np.minimum(np.einsum("ij,ij->i", moving, normal), 0.0)
+            motion[indices] = moving - inward[:, None] * normal
+
+
+class _Drift:
+    """Odometry that loses a fraction of the way flown, in a direction that turns slowly."""
+
+    def __init__(self, start_ned_m: FLOATS, fraction: float, rng: np.random.Generator) -> None:
+        n = len(start_ned_m)
+        self._fraction, self._rng = fraction, rng
+        self._last_ned_m = start_ned_m.copy()
+        self._heading_rad = rng.uniform(-math.pi, math.pi, n)
+        self._drift_ned_m = np.zeros((n, 3))
+
+    def move(self, position_ned_m: FLOATS) -> FLOATS:
+        """Add the drift of the way since the last tick, horizontally: height has a barometer."""
+        if self._fraction > 0.0:
+            way = position_ned_m - self._last_ned_m
+            lost = self._fraction * np.sqrt(np.einsum("ij,ij->i", way, way))
+            self._drift_ned_m[:, 0] += lost * np.cos(self._heading_rad)
+            self._drift_ned_m[:, 1] += lost * np.sin(self._heading_rad)
+            turn = DRIFT_TURN_RAD_SQRT_S * math.sqrt(TICK_S)
+            self._heading_rad += self._rng.normal(0.0, turn, len(lost))
+            self._last_ned_m = position_ned_m.copy()
+        return self._drift_ned_m
+
+
+class _Wind:
+    """Mean wind and first-order Gauss-Markov gusts, the same everywhere."""
+
+    def __init__(self, spec: WindSpec, rng: np.random.Generator) -> None:
+        from_rad = math.radians(spec.from_deg)
+        towards_ned = -np.array([math.sin(from_rad), math.cos(from_rad), 0.0])
+        self._mean_ned_m_s = spec.speed_m_s * towards_ned
+        self._gust_m_s, self._rng = spec.gust_m_s, rng
+        self._gust_ned_m_s = np.zeros(3)
+        self._velocity_ned_m_s = self._mean_ned_m_s
+        self._is_calm = not (spec.speed_m_s or spec.gust_m_s)
+
+    def over(self, on_ground: NDArray[np.bool_]) -> FLOATS:
+        """Give the wind for each vehicle, (n, 3) or (3,); the parked are not blown away."""
+        if self._is_calm:
+            return self._velocity_ned_m_s
+        return np.where(on_ground[:, None], 0.0, self._velocity_ned_m_s)
+
+    def blow(self, dt: float) -> None:
+        """Let the gusts change."""
+        if self._gust_m_s > 0.0:
+            kept = math.exp(-dt / GUST_S)
+            fresh = self._gust_m_s * math.sqrt(1.0 - kept**2)
+            draw = self._rng.normal(0.0, fresh, 3) * (1.0, 1.0, 0.3)  # gusts are flat
+            self._gust_ned_m_s = kept * self._gust_ned_m_s + draw
+            self._velocity_ned_m_s = self._mean_ned_m_s + self._gust_ned_m_s

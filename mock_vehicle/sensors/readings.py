@@ -1,0 +1,69 @@
+"""What all sensors of the fleet say in one telemetry tick; written by sensors and radio."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class PeerFix(NamedTuple):
+    """A heard peer, as the radio measures it."""
+
+    sysid: int
+    range_m: float
+    direction_body: tuple[float, float, float]
+    """Unit vector towards the peer, body FRD."""
+
+
+class VictimFix(NamedTuple):
+    """A victim, as the infrared sensor sees it: body FRD, metres."""
+
+    target_num: int
+    x_m: float
+    y_m: float
+    z_m: float
+
+
+@dataclass
+class Readings:
+    """One row or one list per vehicle, in the order of the fleet."""
+
+    ranges_m: Floats
+    """Shape (n, 6): front, back, left, right, up, down; inf where nothing is within range, NaN
+    for a sensor that does not report."""
+    range_max_m: float
+    """Farther than this the rangefinders see nothing."""
+    range_min_m: float
+    """Nearer than this the rangefinders are blind."""
+    battery_fraction: Floats
+    """Shape (n,): charge left, 0..1."""
+    battery_voltage_v: Floats
+    """Shape (n,)."""
+    battery_current_a: Floats
+    """Shape (n,); larger empties the battery sooner."""
+    peers: list[list[PeerFix]]
+    """Per vehicle: the peers it heard since the last tick."""
+    victims: list[list[VictimFix]]
+    """Per vehicle: the victims it sees now."""
+    drift_ned_m: Floats
+    """Shape (n, 3): estimated position = truth - home + drift."""
+
+    @classmethod
+    def blank(cls, n: int) -> Readings:
+        """Build the readings of n vehicles that see nothing and are fully charged."""
+        return cls(
+            ranges_m=np.full((n, 6), np.inf),
+            range_max_m=10.0,
+            range_min_m=0.2,
+            battery_fraction=np.ones(n),
+            battery_voltage_v=np.full(n, 16.2),  # PX4 SITL, reference/px4
+            battery_current_a=np.zeros(n),
+            peers=[[] for _ in range(n)],
+            victims=[[] for _ in range(n)],
+            drift_ned_m=np.zeros((n, 3)),
+        )

@@ -1,0 +1,223 @@
+"""The mock fleet on UDP, in real or scaled time: sockets, the clock and nothing else."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import logging
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from mock_vehicle.errors import MockVehicleError
+from mock_vehicle.fleet import STEP_S, TICK_S, Fleet
+
+Address = tuple[str, int]
+
+LOG = logging.getLogger(__name__)
+
+DEBT_MAX_S = 0.5
+"""Mission time caught up at most; what is owed beyond is dropped."""
+COMPLAIN_EVERY_S = 5.0
+HEARD_S = 10.0
+"""A sender that was heard within this time (wall clock) gets telemetry."""
+DRAIN = 64
+"""Datagrams read from one socket before the others have their turn."""
+DATAGRAM_BYTES = 2048
+RECEIVE_BUFFER_BYTES = 256 * 1024
+REPORT_EVERY_S = 1.0
+
+
+class PortError(MockVehicleError):
+    """A port that cannot be listened on."""
+
+    def __init__(self, bind: Address, reason: str) -> None:
+        self.bind = bind
+        self.reason = reason
+        super().__init__(f"cannot listen on {bind[0]}:{bind[1]}: {reason}")
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """Where one vehicle listens and whom it calls unasked."""
+
+    bind: Address
+    """Port 0 takes a free one."""
+    remote: Address | None = None
+    """Gets telemetry from the start; none: only who spoke is answered."""
+
+
+@dataclass(slots=True)
+class _Endpoint:
+    """One vehicle's socket."""
+
+    socket: socket.socket
+    remote: Address | None
+    heard: dict[Address, float] = field(default_factory=dict)
+    """Senders and when they were last heard."""
+
+    def send(self, data: bytes, now: float) -> None:
+        """Send to the remote and to every sender heard lately; a full buffer loses, as UDP does."""
+        for address, last in list(self.heard.items()):
+            if now - last > HEARD_S:
+                del self.heard[address]
+        if self.remote is not None and self.remote not in self.heard:
+            self._send(data, self.remote)
+        for address in self.heard:
+            self._send(data, address)
+
+    def _send(self, data: bytes, address: Address) -> None:
+        with contextlib.suppress(OSError):
+            self.socket.sendto(data, address)
+
+    def drain(self, now: float) -> Iterator[bytes]:
+        """Read what has arrived, up to a bound."""
+        for _ in range(DRAIN):
+            try:
+                data, address = self.socket.recvfrom(DATAGRAM_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:  # an ICMP error of an earlier send
+                continue
+            self.heard[address] = now
+            yield data
+
+
+class Server:
+    """Runs a fleet on its sockets until told to stop."""
+
+    def __init__(self, fleet: Fleet, ports: list[Port], *, speed: float = 1.0) -> None:
+        self._fleet = fleet
+        self._speed = speed
+        self.endpoints = [_open(port) for port in ports]
+        self.time_s = 0.0
+        """Mission time."""
+        self.behind_s = 0.0
+        """Mission time dropped so far because the machine was too slow."""
+        self._steps = 0
+        self._complained_s = -COMPLAIN_EVERY_S
+        self._stopped = False
+
+    @property
+    def ports(self) -> list[int]:
+        """The ports the vehicles listen on."""
+        return [endpoint.socket.getsockname()[1] for endpoint in self.endpoints]
+
+    def ready(self) -> dict[str, Any]:
+        """Say who listens where, in JSON values."""
+        fleet = self._fleet
+        return {
+            "ports": self.ports,
+            "sysids": fleet.sysids,
+            "host": self.endpoints[0].socket.getsockname()[0],
+            "world": fleet.world.name,
+            "autopilots": fleet.personalities,
+            "victims_total": len(fleet.world.victims),
+        }
+
+    def stop(self) -> None:
+        """End `run` after the current step."""
+        self._stopped = True
+
+    async def run(
+        self,
+        *,
+        duration_s: float | None = None,
+        report: Callable[[], None] = lambda: None,
+        watch_stdin: bool = False,
+    ) -> None:
+        """Fly until stopped by a signal, a closed stdin, `stop` or the end of `duration_s`."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.stop)
+        for index, endpoint in enumerate(self.endpoints):
+            loop.add_reader(endpoint.socket, partial(self._receive, index, endpoint))
+        if watch_stdin:
+            self._watch_stdin(loop)
+        gc.collect()
+        gc.freeze()
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                reporter = tasks.create_task(_repeat(report), name="report")
+                await self._fly(loop, duration_s)
+                reporter.cancel()
+        finally:
+            self._close(loop)
+
+    async def _fly(self, loop: asyncio.AbstractEventLoop, duration_s: float | None) -> None:
+        """Step at absolute deadlines, a tick at most before the sockets have their turn."""
+        started = loop.time()
+        steps_per_turn = round(TICK_S / STEP_S)
+        while not self._stopped:
+            owed = (loop.time() - started) * self._speed - self.time_s
+            if owed > DEBT_MAX_S + STEP_S:
+                started += (owed - DEBT_MAX_S) / self._speed
+                self._fall_behind(owed - DEBT_MAX_S, loop.time())
+            for _ in range(min(steps_per_turn, int(owed / STEP_S + 1e-6))):
+                self._step(loop.time())
+                if duration_s is not None and self.time_s >= duration_s - 1e-9:
+                    return
+            rest = (self.time_s + STEP_S) / self._speed - (loop.time() - started)
+            await asyncio.sleep(max(rest, 0.0))
+
+    def _step(self, wall_s: float) -> None:
+        self._steps += 1
+        self.time_s = self._steps * STEP_S
+        for index, data in self._fleet.step(self.time_s):
+            self.endpoints[index].send(data, wall_s)
+
+    def _fall_behind(self, dropped_s: float, wall_s: float) -> None:
+        self.behind_s += dropped_s
+        if self.behind_s >= 0.1 and wall_s - self._complained_s >= COMPLAIN_EVERY_S:
+            self._complained_s = wall_s
+            LOG.warning("falling behind real time by %.1f s so far", self.behind_s)
+
+    def _receive(self, index: int, endpoint: _Endpoint) -> None:
+        for data in endpoint.drain(asyncio.get_running_loop().time()):
+            self._fleet.receive(index, data, self.time_s)
+
+    def _watch_stdin(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Stop when whoever started us closes our input; files and /dev/null are not watched."""
+
+        def read() -> None:
+            if not os.read(sys.stdin.fileno(), 4096):
+                loop.remove_reader(sys.stdin)
+                self.stop()
+
+        with contextlib.suppress(PermissionError, ValueError, AttributeError):
+            if not sys.stdin.isatty():
+                loop.add_reader(sys.stdin, read)
+
+    def _close(self, loop: asyncio.AbstractEventLoop) -> None:
+        with contextlib.suppress(PermissionError, ValueError, AttributeError):
+            loop.remove_reader(sys.stdin)
+        for endpoint in self.endpoints:
+            loop.remove_reader(endpoint.socket)
+            endpoint.socket.close()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.remove_signal_handler(number)
+
+
+async def _repeat(report: Callable[[], None]) -> None:
+    while True:
+        await asyncio.sleep(REPORT_EVERY_S)
+        report()
+
+
+def _open(port: Port) -> _Endpoint:
+    """Bind one vehicle's socket; an occupied port is a PortError."""
+    endpoint = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    endpoint.setblocking(False)
+    endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    try:
+        endpoint.bind(port.bind)
+    except OSError as error:
+        endpoint.close()
+        raise PortError(port.bind, error.strerror or "it is taken") from None
+    return _Endpoint(endpoint, port.remote)

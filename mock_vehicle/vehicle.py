@@ -1,0 +1,198 @@
+"""One mock vehicle on the wire, sans I/O: bytes and `now` in, datagrams out."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from mock_vehicle.autopilot.ardupilot import ArduPilot
+from mock_vehicle.autopilot.base import Autopilot, State
+from mock_vehicle.autopilot.px4 import Px4
+from mock_vehicle.dynamics import Control, Dynamics, Limits
+from mock_vehicle.sensors.readings import PeerFix, Readings, VictimFix
+from swarm_ctl import wire
+
+Personality = Literal["px4", "ardupilot"]
+PERSONALITIES: Mapping[str, type[Autopilot]] = {"px4": Px4, "ardupilot": ArduPilot}
+LIMITS: Mapping[str, Limits] = {
+    name: autopilot.traits.limits for name, autopilot in PERSONALITIES.items()
+}
+"""How each personality flies, for `Dynamics`."""
+
+COMPANION_COMPID = 191
+DATAGRAM_BYTES = 1400
+HEARTBEAT_ID = wire.message("HEARTBEAT").id
+TUNNEL_ID = wire.message("TUNNEL").id
+_STATE_COLUMNS = 17
+"""Columns of `refresh_all` that stand in State as they are; the rest are ranges."""
+
+
+class Vehicle:
+    """An autopilot, its link to the companion, and its place in the fleet.
+
+    Each telemetry tick the fleet calls `refresh_all` for everybody, then `tick` for each.
+    """
+
+    def __init__(
+        self,
+        index: int,
+        sysid: int,
+        personality: Personality,
+        dynamics: Dynamics,
+        readings: Readings,
+        home_ned_m: Sequence[float],
+        *,
+        boot_s: float = 1.0,
+        uid: int,
+    ) -> None:
+        north, east, down = map(float, home_ned_m)
+        self.index = index
+        self.sysid = sysid
+        self.personality = personality
+        self.home_ned_m = (north, east, down)
+        self.alive = True
+        """A dead vehicle falls, and answers nothing."""
+        self.received = 0
+        """Frames understood."""
+        self.sent_datagrams = 0
+        self._dynamics = dynamics
+        self.autopilot = PERSONALITIES[personality](
+            sysid=sysid,
+            index=index,
+            uid=uid,
+            boot_s=boot_s,
+            home_ned_m=self.home_ned_m,
+            truth=dynamics,
+        )
+        self._parser = wire.Parser({*self.autopilot.message_table, HEARTBEAT_ID, TUNNEL_ID})
+        refresh_all([self], dynamics, readings)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors run."""
+        return self.autopilot.armed
+
+    @property
+    def mode(self) -> int:
+        """HEARTBEAT.custom_mode."""
+        return self.autopilot.reported_mode
+
+    @property
+    def mode_name(self) -> str:
+        """The mode's name in the autopilot's own words."""
+        return self.autopilot.traits.modes[self.mode].name
+
+    @property
+    def flying(self) -> bool:
+        """From leaving the ground to the landing detected."""
+        return self.autopilot.flying
+
+    @property
+    def setpoint_times(self) -> deque[float]:
+        """Arrivals of accepted setpoints."""
+        return self.autopilot.setpoint_times
+
+    @property
+    def link_stats(self) -> wire.Stats:
+        """What the parser has met: bad frames, lost frames."""
+        return self._parser.stats
+
+    def refresh(
+        self, row: list[float], peers: list[PeerFix], victims: list[VictimFix], readings: Readings
+    ) -> None:
+        """Take this vehicle's row of the fleet's arrays; only `refresh_all` builds rows."""
+        autopilot = self.autopilot
+        autopilot.state = State._make((*row[:_STATE_COLUMNS], row[_STATE_COLUMNS:]))
+        autopilot.peers, autopilot.victims = peers, victims
+        autopilot.range_min_m, autopilot.range_max_m = readings.range_min_m, readings.range_max_m
+
+    def receive(self, data: bytes, now: float) -> list[bytes]:
+        """Obey all frames in `data`; give those of the companion that the radio broadcasts.
+
+        Answers leave with the next tick. Never raises, whatever arrives.
+        """
+        broadcast: list[bytes] = []
+        if not self.alive:
+            return broadcast
+        handlers = self.autopilot.message_table
+        for frame in self._parser.feed(data):
+            self.received += 1
+            if frame.compid == COMPANION_COMPID and _is_broadcast(frame, self.sysid):
+                broadcast.append(frame.raw)
+            handler = handlers.get(frame.id)
+            if handler is not None:
+                handler(self.autopilot, frame, now)
+        return broadcast
+
+    def deliver(self, frame: bytes) -> None:
+        """Queue a peer's frame, brought by the radio, for the companion as it is."""
+        if self.alive:
+            self.autopilot.outbox.append(frame)
+
+    def tick(self, now: float) -> list[bytes]:
+        """Run timers and pack answers, peers' frames and due telemetry into datagrams."""
+        outbox = self.autopilot.outbox
+        if not self.alive:
+            self._dynamics.control[self.index] = Control.OFF
+            outbox.clear()
+            return []
+        self.autopilot.tick(now)
+        datagrams = packed(outbox)
+        outbox.clear()
+        self.sent_datagrams += len(datagrams)
+        return datagrams
+
+
+def _is_broadcast(frame: wire.Frame, sysid: int) -> bool:
+    if frame.sysid != sysid:
+        return False
+    return frame.id == HEARTBEAT_ID or (frame.id == TUNNEL_ID and not frame.values.target_system)
+
+
+def packed(frames: Iterable[bytes]) -> list[bytes]:
+    """Join whole frames into datagrams of at most 1400 bytes, in order."""
+    datagrams: list[bytes] = []
+    pending: list[bytes] = []
+    size = 0
+    for frame in frames:
+        if size + len(frame) > DATAGRAM_BYTES and pending:
+            datagrams.append(b"".join(pending))
+            pending, size = [], 0
+        pending.append(frame)
+        size += len(frame)
+    if pending:
+        datagrams.append(b"".join(pending))
+    return datagrams
+
+
+def refresh_all(vehicles: Sequence[Vehicle], dynamics: Dynamics, readings: Readings) -> None:
+    """Hand every vehicle its row of truth and readings; once per telemetry tick, before the ticks.
+
+    One bulk `tolist` instead of numpy on 3-vectors in each vehicle.
+    """
+    homes = np.zeros_like(dynamics.position_ned_m)
+    for vehicle in vehicles:
+        homes[vehicle.index] = vehicle.home_ned_m
+    rows = np.column_stack(
+        (
+            dynamics.position_ned_m - homes + readings.drift_ned_m,
+            dynamics.velocity_ned_m_s,
+            dynamics.roll_rad,
+            dynamics.pitch_rad,
+            dynamics.yaw_rad,
+            dynamics.yaw_rate_rad_s,
+            dynamics.on_ground,
+            readings.drift_ned_m,
+            readings.battery_fraction,
+            readings.battery_voltage_v,
+            readings.battery_current_a,
+            readings.ranges_m,
+        )
+    ).tolist()
+    peers, victims = readings.peers, readings.victims
+    for vehicle in vehicles:
+        index = vehicle.index
+        vehicle.refresh(rows[index], peers[index], victims[index], readings)

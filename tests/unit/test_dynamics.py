@@ -1,0 +1,242 @@
+"""Velocity responses against the recorded ones, and the laws of the ground and the wind."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mock_vehicle.autopilot import ardupilot, px4
+from mock_vehicle.dynamics import Control, Dynamics, Limits
+
+DT = 0.02
+LIMITS = {"ardupilot": ardupilot.LIMITS, "px4": px4.LIMITS}
+STILL_AIR = (0.0, 0.0, 0.0)
+
+
+def flying(limits: Limits, control: Control = Control.VELOCITY, height_m: float = 50.0) -> Dynamics:
+    dynamics = Dynamics(1, [[0.0, 0.0, -height_m]], [0.0], [limits])
+    dynamics.control[:] = control
+    return dynamics
+
+
+def step_response(limits: Limits, axis: int, start: float, end: float) -> NDArray[np.float64]:
+    """Progress 0..1 after each step, from a settled start, 7 s long."""
+    dynamics = flying(limits)
+    dynamics.target_velocity_ned_m_s[:, axis] = start
+    for _ in range(600):
+        dynamics.step(DT, STILL_AIR)
+    dynamics.target_velocity_ned_m_s[:, axis] = end
+    speeds = []
+    for _ in range(350):
+        dynamics.step(DT, STILL_AIR)
+        speeds.append(dynamics.velocity_ned_m_s[0, axis])
+    return (np.array(speeds) - start) / (end - start)
+
+
+def rise_s(progress: NDArray[np.float64], level: float) -> float:
+    return float(np.argmax(progress >= level) + 1) * DT
+
+
+@pytest.mark.parametrize(
+    ("personality", "axis", "start", "end", "rise"),
+    [
+        # reference/ardupilot/README.md, "Response"
+        ("ardupilot", 0, 0.0, 2.0, (0.76, 1.36)),
+        ("ardupilot", 0, 2.0, 0.0, (0.76, 1.38)),
+        ("ardupilot", 1, 0.0, 5.0, (1.31, 2.26)),
+        ("ardupilot", 0, 2.0, -2.0, (1.13, 1.87)),
+        ("ardupilot", 2, 0.0, -1.0, (0.68, 1.04)),
+        # reference/px4/README.md, section 10; the creep of the last tenth is 2.3 to 6.1 s
+        ("px4", 0, 0.0, 2.0, (0.63, 2.7)),
+        ("px4", 0, 2.0, 0.0, (0.63, 2.7)),
+        ("px4", 2, 0.0, -1.0, (0.22, 0.40)),
+    ],
+)
+def test_velocity_rises_as_recorded(
+    personality: str, axis: int, start: float, end: float, rise: tuple[float, float]
+) -> None:
+    t50_s, t90_s = rise
+    progress = step_response(LIMITS[personality], axis, start, end)
+    assert rise_s(progress, 0.5) == pytest.approx(t50_s, rel=0.2)
+    assert rise_s(progress, 0.9) == pytest.approx(t90_s, rel=0.2)
+    assert progress.max() < 1.1
+
+
+def test_px4_creeps_through_the_last_part_of_a_step() -> None:
+    progress = step_response(LIMITS["px4"], 0, 0.0, 2.0)
+    assert 0.62 <= progress[49] <= 0.75  # at 1 s, recorded 62-74 %
+    assert 0.71 <= progress[99] <= 0.89  # at 2 s
+    assert 0.80 <= progress[199] <= 0.96  # at 4 s
+
+
+def test_ardupilot_keeps_its_acceleration_and_jerk_limits() -> None:
+    dynamics = flying(LIMITS["ardupilot"])
+    dynamics.target_velocity_ned_m_s[:] = (3.0, 4.0, 0.0)
+    accelerations = []
+    for _ in range(300):
+        dynamics.step(DT, STILL_AIR)
+        accelerations.append(dynamics.acceleration_ned_m_s2[0, :2].copy())
+    sizes = np.hypot(*np.array(accelerations).T)
+    jerks = np.hypot(*np.diff(accelerations, axis=0).T) / DT
+    assert 2.4 < sizes.max() < 2.8  # recorded 2.8 for 5 m/s
+    assert jerks.max() < 5.8
+
+
+@pytest.mark.parametrize(
+    ("personality", "distance_m", "t90_s"),
+    [
+        ("ardupilot", 2.0, 2.2),
+        ("ardupilot", 10.0, 3.8),
+        ("ardupilot", 40.0, 7.2),
+        ("px4", 5.0, 2.42),
+    ],
+)
+def test_a_position_is_reached_as_recorded(
+    personality: str, distance_m: float, t90_s: float
+) -> None:
+    dynamics = flying(LIMITS[personality], Control.POSITION)
+    dynamics.target_position_ned_m[:] = (distance_m, 0.0, -50.0)
+    north = []
+    for _ in range(1000):
+        dynamics.step(DT, STILL_AIR)
+        north.append(dynamics.position_ned_m[0, 0])
+    assert rise_s(np.array(north) / distance_m, 0.9) == pytest.approx(t90_s, rel=0.2)
+    assert north[-1] == pytest.approx(distance_m, abs=0.1)
+    assert dynamics.position_ned_m[0, 2] == pytest.approx(-50.0, abs=0.05)
+
+
+@pytest.mark.parametrize("personality", LIMITS)
+def test_an_axis_without_a_position_follows_the_velocity(personality: str) -> None:
+    dynamics = flying(LIMITS[personality], Control.POSITION)
+    dynamics.target_position_ned_m[:] = (math.nan, math.nan, -48.0)
+    dynamics.target_velocity_ned_m_s[:] = (1.0, 0.0, 0.0)
+    for _ in range(500):
+        dynamics.step(DT, STILL_AIR)
+    assert dynamics.velocity_ned_m_s[0, 0] == pytest.approx(1.0, abs=0.05)
+    assert dynamics.position_ned_m[0, 2] == pytest.approx(-48.0, abs=0.05)
+
+
+@pytest.mark.parametrize("personality", LIMITS)
+def test_speeds_stay_within_the_limits(personality: str) -> None:
+    limits = LIMITS[personality]
+    dynamics = flying(limits, height_m=500.0)
+    for down in (-50.0, 50.0):
+        dynamics.target_velocity_ned_m_s[:] = (50.0, 50.0, down)
+        for _ in range(750):
+            dynamics.step(DT, STILL_AIR)
+            north, east, sinking = dynamics.velocity_ned_m_s[0]
+            assert math.hypot(north, east) < limits.horizontal.speed_m_s * 1.05
+            assert -limits.vertical.speed_m_s * 1.15 < sinking
+    assert dynamics.velocity_ned_m_s[0, 2] == pytest.approx(limits.sink_m_s, rel=0.05)
+
+
+@pytest.mark.parametrize(("personality", "rate_deg_s"), [("ardupilot", 71.0), ("px4", 141.0)])
+def test_a_quarter_turn_takes_the_recorded_time(personality: str, rate_deg_s: float) -> None:
+    dynamics = flying(LIMITS[personality])
+    dynamics.target_yaw_rad[:] = math.pi / 2
+    yaws, rates = [], []
+    for _ in range(200):
+        dynamics.step(DT, STILL_AIR)
+        yaws.append(dynamics.yaw_rad[0])
+        rates.append(dynamics.yaw_rate_rad_s[0])
+    t90_s = {"ardupilot": 1.56, "px4": 0.96}[personality]
+    assert rise_s(np.array(yaws) / (math.pi / 2), 0.9) == pytest.approx(t90_s, rel=0.2)
+    assert math.degrees(max(rates)) == pytest.approx(rate_deg_s, rel=0.05)
+    assert yaws[-1] == pytest.approx(math.pi / 2, abs=0.02)
+
+
+def test_the_shorter_way_round_is_turned() -> None:
+    dynamics = Dynamics(1, [[0.0, 0.0, -9.0]], [3.0], [LIMITS["px4"]])
+    dynamics.control[:] = Control.VELOCITY
+    dynamics.target_yaw_rad[:] = -3.0
+    for _ in range(50):
+        dynamics.step(DT, STILL_AIR)
+        assert abs(dynamics.yaw_rad[0]) > 2.9
+    assert dynamics.yaw_rad[0] == pytest.approx(-3.0, abs=0.05)
+
+
+def test_a_yaw_rate_wins_over_a_yaw() -> None:
+    dynamics = flying(LIMITS["ardupilot"])
+    dynamics.target_yaw_rad[:] = -1.0
+    dynamics.target_yaw_rate_rad_s[:] = 0.5
+    for _ in range(100):
+        dynamics.step(DT, STILL_AIR)
+    assert dynamics.yaw_rate_rad_s[0] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("personality", LIMITS)
+def test_the_controller_fights_the_wind(personality: str) -> None:
+    dynamics = flying(LIMITS[personality])
+    speeds = []
+    for _ in range(1000):
+        dynamics.step(DT, (4.0, 0.0, 0.0))
+        speeds.append(dynamics.velocity_ned_m_s[0, 0])
+    assert max(speeds) > 0.05
+    assert speeds[-1] == pytest.approx(0.0, abs=0.1)
+    assert dynamics.pitch_rad[0] > 0.03  # a tail wind is held off nose up
+
+
+@pytest.mark.parametrize("personality", LIMITS)
+def test_it_leans_where_it_accelerates(personality: str) -> None:
+    dynamics = Dynamics(1, [[0.0, 0.0, -9.0]], [math.pi / 2], [LIMITS[personality]])
+    dynamics.control[:] = Control.VELOCITY
+    dynamics.target_velocity_ned_m_s[:] = (0.0, 2.0, 0.0)  # east is forward
+    for _ in range(30):
+        dynamics.step(DT, STILL_AIR)
+    assert dynamics.pitch_rad[0] < -0.1
+    assert dynamics.roll_rad[0] == pytest.approx(0.0, abs=1e-6)
+    dynamics.target_velocity_ned_m_s[:] = (-2.0, 2.0, 0.0)  # south is to the right
+    for _ in range(30):
+        dynamics.step(DT, STILL_AIR)
+    assert dynamics.roll_rad[0] > 0.1
+
+
+def test_motors_off_falls_and_stays_on_the_ground() -> None:
+    dynamics = flying(LIMITS["px4"], Control.OFF, height_m=5.0)
+    dynamics.step(DT, STILL_AIR)
+    assert dynamics.acceleration_ned_m_s2[0, 2] == pytest.approx(9.8, abs=0.1)
+    for _ in range(150):
+        dynamics.step(DT, (3.0, 0.0, 0.0))
+    assert dynamics.on_ground[0]
+    resting = dynamics.position_ned_m.copy()
+    for _ in range(50):
+        dynamics.step(DT, (3.0, 0.0, 0.0))
+    np.testing.assert_array_equal(dynamics.position_ned_m, resting)
+    assert resting[0, 2] == 0.0
+    assert not dynamics.velocity_ned_m_s.any()
+
+
+@pytest.mark.parametrize("personality", LIMITS)
+def test_a_climb_leaves_the_ground_and_a_descent_ends_on_it(personality: str) -> None:
+    dynamics = flying(LIMITS[personality], height_m=0.0)
+    dynamics.target_velocity_ned_m_s[:] = (1.0, 0.0, 0.5)
+    for _ in range(50):
+        dynamics.step(DT, STILL_AIR)
+    assert not dynamics.position_ned_m.any()
+    dynamics.target_velocity_ned_m_s[:, 2] = -1.0
+    for _ in range(100):
+        dynamics.step(DT, STILL_AIR)
+    assert not dynamics.on_ground[0]
+    assert dynamics.position_ned_m[0, 2] < -0.5
+
+
+def test_vehicles_do_not_disturb_each_other() -> None:
+    both = [LIMITS["ardupilot"], LIMITS["px4"]]
+    together = Dynamics(2, [[0.0, 0.0, -9.0], [5.0, 0.0, -9.0]], [0.0, 1.0], both)
+    alone = Dynamics(1, [[5.0, 0.0, -9.0]], [1.0], both[1:])
+    together.control[:] = (Control.POSITION, Control.VELOCITY)
+    together.target_position_ned_m[:] = (1.0, 2.0, -3.0)
+    alone.control[:] = Control.VELOCITY
+    together.target_velocity_ned_m_s[1] = alone.target_velocity_ned_m_s[0] = (1.0, -1.0, 0.3)
+    for _ in range(200):
+        together.step(DT, STILL_AIR)
+        alone.step(DT, STILL_AIR)
+    np.testing.assert_array_equal(together.position_ned_m[1], alone.position_ned_m[0])
+
+
+def test_each_vehicle_needs_its_limits() -> None:
+    with pytest.raises(ValueError, match="2 vehicles need 2 limits"):
+        Dynamics(2, np.zeros((2, 3)), np.zeros(2), [LIMITS["px4"]])

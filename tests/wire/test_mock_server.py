@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from mock_vehicle.cli import plan_ports
+
+pytestmark = pytest.mark.wire
+
+WORLD = """
+name: yard
+size_m: [30, 20]
+ceiling_m: 5
+starts: {grid: {origin_m: [5, 5], spacing_m: 2}}
+victims: [{name: ann, position_m: [25, 15, 0.3]}]
+"""
+PATIENCE_S = 10.0
+
+
+class Mock:
+    """`mock-vehicle` as a process of its own."""
+
+    def __init__(self, *arguments: object) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "mock_vehicle", *map(str, arguments)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
+
+    def line(self) -> dict[str, Any]:
+        assert self.process.stdout is not None
+        ready, _, _ = select.select([self.process.stdout], [], [], PATIENCE_S)
+        assert ready, "the mock says nothing"
+        line = self.process.stdout.readline()
+        return dict(json.loads(line)) if line else {}
+
+    def wait(self) -> tuple[int, list[dict[str, Any]], str]:
+        """Give the exit code, the remaining lines and what was complained about."""
+        assert self.process.stdin is not None
+        out, err = self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode, [json.loads(line) for line in out.splitlines()], err
+
+
+class Companion:
+    """A plain socket and pymavlink's own codec."""
+
+    def __init__(self, port: int, sysid: int) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.settimeout(PATIENCE_S)
+        self.socket.connect(("127.0.0.1", port))
+        self.sysid = sysid
+        self.codec = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=191)
+        self.codec.robust_parsing = True
+
+    def send(self, message: Any) -> None:
+        self.socket.send(message.pack(self.codec))
+
+    def heartbeat(self) -> None:
+        self.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+
+    def climb(self) -> None:
+        mask = 0b0000_0101_1100_0111
+        zeros = (0.0,) * 3
+        self.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, self.sysid, 1, 1, mask, *zeros, 0.0, 0.0, -1.0, *zeros, 0.0, 0.0
+            )
+        )
+
+    def command(self, number: int, *parameters: float) -> None:
+        filled = (*parameters, *(0.0,) * (7 - len(parameters)))
+        self.send(mavlink.MAVLink_command_long_message(self.sysid, 1, number, 0, *filled))
+
+    def expect(self, wanted: Callable[[Any], bool]) -> Any:
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            for message in self.codec.parse_buffer(self.socket.recv(4096)) or []:
+                if wanted(message):
+                    return message
+        pytest.fail("the message never came")
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Path:
+    file = tmp_path / "yard.yaml"
+    file.write_text(WORLD)
+    return file
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., Mock]]:
+    started: list[Mock] = []
+
+    def begin(*arguments: object) -> Mock:
+        started.append(Mock(*arguments))
+        return started[-1]
+
+    yield begin
+    for mock in started:
+        if mock.process.poll() is None:
+            mock.process.kill()
+        mock.process.communicate()
+
+
+@pytest.fixture
+def meet() -> Iterator[Callable[[int, int], Companion]]:
+    met: list[Companion] = []
+
+    def connect(port: int, sysid: int) -> Companion:
+        met.append(Companion(port, sysid))
+        return met[-1]
+
+    yield connect
+    for companion in met:
+        companion.socket.close()
+
+
+Start = Callable[..., Mock]
+Meet = Callable[[int, int], Companion]
+
+
+def test_a_fleet_arms_and_climbs_over_udp(
+    world: Path, start: Start, meet: Meet, tmp_path: Path
+) -> None:
+    out = tmp_path / "truth"
+    mock = start(world, "--vehicles", 2, "--port", 0, "--json", "--speed", 4, "--out", out)
+    ready = mock.line()["ready"]
+    assert ready["sysids"] == [1, 2]
+    assert ready["world"] == "yard"
+    assert ready["autopilots"] == ["px4", "px4"]
+    assert ready["victims_total"] == 1
+    companions = [meet(*pair) for pair in zip(ready["ports"], ready["sysids"], strict=True)]
+    for companion in companions:
+        companion.heartbeat()
+    for companion in companions:
+        heartbeat = companion.expect(lambda m: m.get_type() == "HEARTBEAT")
+        assert heartbeat.get_srcSystem() == companion.sysid
+    pilot = companions[0]
+    for _ in range(10):
+        pilot.climb()
+        pilot.expect(lambda m: m.get_type() == "LOCAL_POSITION_NED")
+    pilot.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
+    pilot.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+
+    def is_up(message: Any) -> bool:
+        pilot.climb()
+        return bool(message.get_type() == "LOCAL_POSITION_NED" and message.z < -1.0)
+
+    pilot.expect(is_up)
+    progress = mock.line()
+    while not progress["airborne"]:
+        progress = mock.line()
+    assert [vehicle["armed"] for vehicle in progress["vehicles"]] == [True, False]
+    assert progress["behind_s"] >= 0.0
+    mock.process.send_signal(signal.SIGTERM)
+    code, lines, complaints = mock.wait()
+    assert (code, complaints) == (0, "")
+    assert lines[-1]["done"]["victims_total"] == 1
+    assert {"truth.json", "truth.npz", "world.json"} == {file.name for file in out.iterdir()}
+    assert json.loads((out / "truth.json").read_text())["path_length_m"] > 1.0
+
+
+def test_the_remote_is_called_unasked(world: Path, start: Start) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        ground.settimeout(PATIENCE_S)
+        remote = f"127.0.0.1:{ground.getsockname()[1]}"
+        began = time.monotonic()
+        mock = start(world, "--port", 0, "--remote", remote, "--first-sysid", 7, "--json")
+        codec = mavlink.MAVLink(None)
+        heard: list[Any] = []
+        while not any(message.get_type() == "HEARTBEAT" for message in heard):
+            heard += codec.parse_buffer(ground.recv(4096)) or []
+        assert {message.get_srcSystem() for message in heard} == {7}
+        assert time.monotonic() - began < 5.0  # alone well below one second
+    assert mock.process.poll() is None
+
+
+def test_a_closed_stdin_ends_the_mock(world: Path, start: Start) -> None:
+    mock = start(world, "--port", 0, "--json")
+    assert "ready" in mock.line()
+    code, lines, _ = mock.wait()  # closes stdin
+    assert code == 0
+    assert "done" in lines[-1]
+
+
+def test_a_duration_ends_the_mock(world: Path, start: Start) -> None:
+    mock = start(world, "--port", 0, "--json", "--duration", 2, "--speed", 10)
+    assert "ready" in mock.line()
+    assert mock.line()["done"]["time_s"] == pytest.approx(2.0)
+
+
+def test_a_clock_that_is_too_fast_falls_behind_and_says_so(world: Path, start: Start) -> None:
+    mock = start(world, "--port", 0, "--json", "--vehicles", 5, "--speed", 1000, "--duration", 60)
+    assert mock.process.wait(2 * PATIENCE_S) == 0
+    _, lines, complaints = mock.wait()
+    assert lines[-1]["done"]["time_s"] == pytest.approx(60.0)
+    assert lines[-1]["done"]["behind_s"] > 1.0
+    assert complaints.startswith("mock-vehicle: falling behind real time by ")
+
+
+def test_the_fault_fleet_ends_the_process_with_nothing_written(
+    world: Path, start: Start, tmp_path: Path
+) -> None:
+    out = tmp_path / "truth"
+    mock = start(world, "--port", 0, "--json", "--fault", "fleet@0.5", "--out", out)
+    assert "ready" in mock.line()
+    mock.process.wait(PATIENCE_S)
+    code, lines, complaints = mock.wait()
+    assert code == 70
+    assert not any("done" in line for line in lines)
+    assert complaints == ""
+    assert not out.exists()
+
+
+def test_garbage_does_no_harm(world: Path, start: Start, meet: Meet) -> None:
+    ready = start(world, "--port", 0, "--json").line()["ready"]
+    companion = meet(ready["ports"][0], 1)
+    for size in (0, 1, 12, 300, 2000):
+        companion.socket.send(os.urandom(size))
+    companion.heartbeat()
+    companion.expect(lambda m: m.get_type() == "HEARTBEAT")
+
+
+@pytest.mark.parametrize(
+    ("change", "arguments", "sentence"),
+    [
+        ("radio: {radus_m: 3}", (), "radio.radus_m"),
+        ("faults: [{time_s: 1, vehicle: 1, kind: daed}]", (), "faults[0].kind"),
+        ("", ("--fault", "daed:1@3"), "did you mean 'dead'"),
+        ("", ("--fault", "dead:9@3"), "strikes vehicle 9"),
+        ("", ("--remote", "nowhere"), "expected HOST:PORT"),
+        ("", ("--vehicles", 250, "--first-sysid", 9), "not 255"),
+        ("", ("--vehicles", 200), "starts.grid"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_2(
+    world: Path, start: Start, change: str, arguments: tuple[object, ...], sentence: str
+) -> None:
+    world.write_text(WORLD + change + "\n")
+    code, lines, complaint = start(world, "--port", 0, "--json", *arguments).wait()
+    assert code == 2
+    assert lines == []
+    assert sentence in complaint
+    assert complaint.count("\n") == 1
+    assert "Traceback" not in complaint
+
+
+def test_a_missing_world_and_a_taken_port_are_named(world: Path, start: Start) -> None:
+    code, _, complaint = start(world.with_name("none.yaml"), "--port", 0).wait()
+    assert code == 2
+    assert "none.yaml" in complaint
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        code, _, complaint = start(world, "--port", port).wait()
+    assert code == 2
+    assert f"127.0.0.1:{port}" in complaint
+
+
+def test_ports_are_those_of_the_real_simulators() -> None:
+    def ports(base: int | None, remote: str | None = None) -> list[tuple[int, object]]:
+        planned = plan_ports(["px4", "ardupilot"], host="127.0.0.1", base=base, remote=remote)
+        return [(port.bind[1], port.remote and port.remote[1]) for port in planned]
+
+    assert ports(None) == [(14580, 14540), (14651, 14550)]
+    assert ports(20000) == [(20000, 14540), (20001, 14550)]
+    assert ports(0) == [(0, None), (0, None)]
+    assert ports(0, "127.0.0.1:9") == [(0, 9), (0, 9)]
+
+
+def test_people_get_a_line_to_read(world: Path, start: Start) -> None:
+    mock = start(world, "--port", 0, "--duration", 1.5, "--autopilot", "mixed", "--vehicles", 2)
+    out, complaints = mock.process.communicate(timeout=PATIENCE_S)
+    assert mock.process.returncode == 0
+    assert complaints == ""
+    assert "yard" in out
+    assert "ardupilot" in out
+    assert "coverage" in out
