@@ -1,0 +1,73 @@
+"""What a mission may set about flying and about the limits no setpoint leaves."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class FlightParams(BaseModel):
+    """How a vehicle takes off, moves and comes home."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
+
+    height_m: float = Field(default=1.5, gt=0.0, le=120.0)
+    """Height above its own start to take off to, and to fly at in two dimensions, in metres."""
+    speed_m_s: float = Field(default=1.0, gt=0.0, le=15.0)
+    """Fastest horizontal flight, in m/s; larger explores faster and needs a longer radio range."""
+    climb_m_s: float = Field(default=0.5, gt=0.0, le=5.0)
+    """Fastest climb and descent, in m/s."""
+    acceleration_m_s2: float = Field(default=2.0, gt=0.0, le=10.0)
+    """What the vehicle can brake with, in m/s²; larger lets it come closer before it slows down."""
+    response_s: float = Field(default=0.4, ge=0.0, le=3.0)
+    """Delay between a demanded velocity and half of its effect, in seconds; larger brakes earlier.
+
+    PX4 and ArduPilot take 0.6 to 0.8 s to half of a step of 2 m/s."""
+    yaw_rate_deg_s: float = Field(default=90.0, gt=0.0, le=360.0)
+    """Fastest turn on the spot, in degrees per second."""
+    return_home: bool = True
+    """Fly back to the own start when the exploration ends; else land where it is."""
+    return_timeout_s: float = Field(default=90.0, ge=0.0, le=3600.0)
+    """Longest flight home, in seconds, before it lands where it is."""
+    start_spacing_s: float = Field(default=0.0, ge=0.0, le=60.0)
+    """Delay between the take-offs of one vehicle and the next, in seconds; 0 = all at once."""
+
+
+class Limits(BaseModel):
+    """What geofence and failsafe hold against every planner; lengths from the vehicle's centre."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
+
+    radius_m: float = Field(default=200.0, ge=1.0, le=10_000.0)
+    """Farthest from its own start, level, in metres; larger lets it roam farther."""
+    floor_m: float = Field(default=0.4, ge=0.0, le=120.0)
+    """Lowest height above its own start while exploring, in metres."""
+    ceiling_m: float = Field(default=3.0, gt=0.0, le=120.0)
+    """Greatest height above its own start, in metres."""
+    separation_m: float = Field(default=1.0, ge=0.0, le=20.0)
+    """Distance kept between the centres of two vehicles, in metres; larger is safer and slower."""
+    wall_m: float = Field(default=0.5, ge=0.1, le=20.0)
+    """Distance kept to walls, in metres; must stay below `planner.avoid_distance_m`."""
+    battery_reserve: float = Field(default=0.25, ge=0.0, lt=1.0)
+    """Charge (0 to 1) at which a vehicle flies home; larger comes home earlier."""
+    battery_critical: float = Field(default=0.12, ge=0.0, lt=1.0)
+    """Charge (0 to 1) at which a vehicle lands where it is; below `battery_reserve`."""
+    range_stale_s: float = Field(default=0.5, gt=0.0, le=10.0)
+    """Age, in seconds, at which a rangefinder's reading is no longer believed."""
+    link_hold_s: float = Field(default=1.0, gt=0.0, le=60.0)
+    """Silence of the autopilot, in seconds, after which the vehicle is told to hold."""
+    link_lost_s: float = Field(default=5.0, gt=0.0, le=600.0)
+    """Silence of the autopilot, in seconds, after which its link counts as lost."""
+    planner_stall_s: float = Field(default=1.0, gt=0.0, le=60.0)
+    """Age of the plan, in seconds, at which the stream of setpoints becomes a hold."""
+    max_time_s: float = Field(default=1800.0, gt=0.0, le=86_400.0)
+    """Mission time, in seconds, at which every vehicle lands, come what may."""

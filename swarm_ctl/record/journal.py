@@ -1,0 +1,52 @@
+"""Events as JSON lines, on the disk as they happen: a killed run leaves a readable journal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.model import Event
+
+
+class Journal:
+    """Append events to `events.jsonl`; its first line says how the run can be repeated."""
+
+    def __init__(self, path: Path, *, seed: int, mission: str, **more: Any) -> None:
+        self._file = path.open("w", encoding="utf-8", buffering=1)
+        self._line({"event": "RunStarted", "seed": seed, "mission": mission, **more})
+
+    def write(self, event: Event) -> None:
+        """Append one event and flush it."""
+        self._line(
+            {
+                "event": event.name,
+                "time_s": round(event.time_s, 6),
+                "sysid": event.sysid,
+                "data": event.data,
+            }
+        )
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _line(self, entry: dict[str, Any]) -> None:
+        # one write of a whole line; what JSON cannot say is written as text, a flight goes on
+        self._file.write(json.dumps(entry, default=str) + "\n")
+
+
+def read_journal(path: Path) -> list[dict[str, Any]]:
+    """Read every whole line; a last line torn by a kill is left out.
+
+    Raises SwarmError when a line in between is broken.
+    """
+    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    entries: list[dict[str, Any]] = []
+    for number, line in enumerate(lines[:-1], start=1):  # behind the last newline: torn or empty
+        try:
+            entries.append(json.loads(line))
+        except json.JSONDecodeError:
+            raise SwarmError(f"{path}: line {number} is not JSON") from None
+    return entries

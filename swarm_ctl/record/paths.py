@@ -1,0 +1,117 @@
+"""Paths as lists of waypoints: position, connectivity, exploration status (paper, Eq. 8)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_ctl.model import Vec3
+
+FRAME = "local NED, origin at its own start"
+REACHED_M = 0.5
+"""A target counts as visited when the vehicle passes this close."""
+
+
+class PathRecorder:
+    """One vehicle's path: where it flew, and the local bests it chose to fly to.
+
+    A flown waypoint's `next` is the index of the flown waypoint after it. A target is
+    "unexplored" and leads nowhere until the vehicle passes it within 0.5 m; then it is "visited"
+    and its `next` is the flown waypoint that came by.
+    """
+
+    def __init__(self, sysid: int) -> None:
+        self.sysid = sysid
+        self._waypoints: list[dict[str, Any]] = []
+        self._json: list[str] = []
+        """Each waypoint as text, "" when it changed: long runs are written often."""
+        self._last: int | None = None
+        self._open: list[int] = []
+        """Targets not yet visited, and beside each where it lies."""
+        self._open_m: list[Vec3] = []
+
+    def visited(self, time_s: float, position: Vec3, peers: Iterable[int]) -> None:
+        """Add where the vehicle is, and the sysids it hears there; once a second is enough."""
+        index = self._add(time_s, position, "flown", "visited", peers)
+        before = position
+        if self._last is not None:
+            n, e, d = self._waypoints[self._last]["position_m"]
+            before = position._replace(x=n, y=e, z=d)
+            self._change(self._last, next=index)
+        if self._open:
+            self._visit(_passing(before, position, np.array(self._open_m)).tolist(), index)
+        self._last = index
+
+    def target(self, time_s: float, position: Vec3) -> None:
+        """Add a new local best the planner chose."""
+        self._open.append(self._add(time_s, position, "target", "unexplored", ()))
+        self._open_m.append(position)
+
+    def encoded(self) -> dict[str, Any]:
+        """Give sysid, frame and the ordered waypoints, ready for JSON."""
+        return {
+            "sysid": self.sysid,
+            "frame": FRAME,
+            "waypoints": [dict(waypoint) for waypoint in self._waypoints],
+        }
+
+    def text(self) -> str:
+        """Give `encoded` as JSON text, a line per waypoint."""
+        for index, text in enumerate(self._json):
+            self._json[index] = text or json.dumps(self._waypoints[index])
+        lines = ",\n".join(self._json)
+        head = f'"sysid": {self.sysid}, "frame": {json.dumps(FRAME)}'
+        return f'{{{head}, "waypoints": [\n{lines}\n]}}'
+
+    def _add(
+        self,
+        time_s: float,
+        position: Vec3,
+        kind: Literal["flown", "target"],
+        status: Literal["visited", "unexplored"],
+        peers: Iterable[int],
+    ) -> int:
+        self._waypoints.append(
+            {
+                "time_s": round(float(time_s), 3),
+                "position_m": [round(float(metres), 3) for metres in position],
+                "next": None,
+                "peers": [int(peer) for peer in peers],
+                "status": status,
+                "kind": kind,
+            }
+        )
+        self._json.append("")
+        return len(self._waypoints) - 1
+
+    def _visit(self, rows: list[int], index: int) -> None:
+        for row in reversed(rows):
+            self._change(self._open.pop(row), next=index, status="visited")
+            del self._open_m[row]
+
+    def _change(self, index: int, **values: object) -> None:
+        self._waypoints[index].update(values)
+        self._json[index] = ""
+
+
+def write_paths(path: Path, recorders: Iterable[PathRecorder]) -> None:
+    """Write `paths.json` in one go: a reader sees the old file or the new one."""
+    vehicles = ",\n".join(recorder.text() for recorder in recorders)
+    draft = path.with_suffix(".tmp")
+    draft.write_text(f'{{"vehicles": [\n{vehicles}\n]}}\n', encoding="utf-8")
+    draft.replace(path)
+
+
+def _passing(start: Vec3, end: Vec3, targets: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Give the rows of targets (k, 3) within REACHED_M of the straight line from start to end."""
+    way = np.array(end) - np.array(start)
+    to = targets - np.array(start)
+    along = np.clip(to @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+    miss = to - along[:, None] * way
+    rows: NDArray[np.intp] = np.flatnonzero(np.einsum("kd,kd->k", miss, miss) <= REACHED_M**2)
+    return rows

@@ -1,0 +1,37 @@
+"""Telemetry logs as ground stations read them: a time stamp before every MAVLink frame."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+from swarm_ctl import wire
+
+EPOCH_S = 1_704_067_200.0
+"""2024-01-01T00:00:00Z: what mission time 0 is in a log of virtual time, so that runs compare."""
+
+FLUSH_S = 2.0
+"""Mission time after which what is buffered goes to the disk; a killed run loses no more."""
+
+
+class TlogWriter:
+    """Append frames to one vehicle's `.tlog`; mavutil, MAVExplorer and QGroundControl read it."""
+
+    def __init__(self, path: Path, *, epoch_s: float = EPOCH_S) -> None:
+        self._file = path.open("wb", buffering=1 << 16)
+        self._epoch_us = round(epoch_s * 1e6)
+        self._flushed_s = 0.0
+
+    def write(self, data: bytes, time_s: float) -> None:
+        """Log every whole frame of a datagram at a mission time; torn bytes are left out."""
+        stamp = struct.pack(">Q", self._epoch_us + round(time_s * 1e6))
+        for frame in wire.split(data):
+            self._file.write(stamp)
+            self._file.write(frame)
+        if time_s - self._flushed_s >= FLUSH_S:
+            self._flushed_s = time_s
+            self._file.flush()
+
+    def close(self) -> None:
+        """Write what is buffered and close the file."""
+        self._file.close()
