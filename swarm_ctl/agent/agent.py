@@ -1,0 +1,344 @@
+"""One vehicle's controller without sockets or clocks: bytes and `now` in, bytes and facts out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from swarm_ctl import wire
+from swarm_ctl.agent import beacon as beacons
+from swarm_ctl.agent.duties import DUTIES, HAS_LANDED, IS_HOME
+from swarm_ctl.agent.geofence import Guard, Motion
+from swarm_ctl.agent.homing import Route, Trail
+from swarm_ctl.agent.params import FlightParams, Limits
+from swarm_ctl.agent.peers import PeerTable
+from swarm_ctl.agent.phases import ENDED, STEERING, Cause, Phase, advance
+from swarm_ctl.agent.sender import Sender
+from swarm_ctl.agent.watch import TIME_OVER, watch
+from swarm_ctl.autopilot import command as commands
+from swarm_ctl.autopilot.command import Answer, Command, CommandQueue
+from swarm_ctl.autopilot.telemetry import COMPANION_COMPONENT, SUBSCRIBED, Telemetry
+from swarm_ctl.explore.planner import Planner, PlannerParams
+from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
+
+HEARTBEAT_S = 1.0
+REPEAT_S = 2.0
+"""Between two requests for the same change, when the first one was accepted without effect."""
+_TUNNEL_ID = wire.message("TUNNEL").id
+
+_AS_PLANNED = frozenset({TIME_OVER, IS_HOME, HAS_LANDED})
+_ENDING = frozenset(
+    {Cause.FAULT, Cause.LAND, Cause.RETURN, Cause.PILOT, Cause.DISARMED, Cause.CANCELLED}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What every vehicle of a mission is told before take-off."""
+
+    mission: str
+    duration_s: float
+    """Exploration time of each vehicle."""
+    planner: PlannerParams
+    flight: FlightParams
+    limits: Limits
+    seed: int
+
+
+class Agent:
+    """Fly one vehicle through a mission.
+
+    The shell calls `receive` with every datagram and `tick` ten times a second, and sends what
+    `tick` gives. `watch.py` decides when a phase must end, `duties.py` what is done in it; both
+    read and write the plain attributes below.
+    """
+
+    def __init__(self, sysid: int, orders: Orders, *, start_delay_s: float = 0.0) -> None:
+        self.sysid = sysid
+        self.orders = orders
+        self.start_delay_s = start_delay_s
+        self.now = 0.0
+        self.phase = Phase.CONNECTING
+        self.entered_s = 0.0
+        self.reason = ""
+        """Why the present phase was entered, in words."""
+        self.trouble = ""
+        """What ended the mission early, in words; empty when all went as planned."""
+        self.refusal = ""
+        """The last command the autopilot refused, and why."""
+        self.parser = wire.Parser(SUBSCRIBED)
+        self.telemetry = Telemetry(sysid)
+        self.peers = PeerTable()
+        self.sender = Sender(sysid)
+        self.commands = CommandQueue()
+        self.trail = Trail()
+        self.route: Route | None = None
+        self.victims: dict[int, Vec3] = {}
+        self.explored_from_s: float | None = None
+        self.explored_to_s: float | None = None
+        self.is_paused = False
+        self.was_offboard = False
+        self.mode_lost_s: float | None = None
+        """Since when the autopilot has said that it obeys setpoints no longer."""
+        self.hold_ned_m = ZERO
+        self.plan_s = -math.inf
+        self.has_plan_failed = False
+        self.planned_ned_m_s = ZERO
+        self.target_ned_m: Vec3 | None = None
+        self.yaw_rad = 0.0
+        self._guard = Guard(orders.limits, orders.flight)
+        self._planner = Planner(
+            orders.planner,
+            speed_m_s=orders.flight.speed_m_s,
+            climb_m_s=orders.flight.climb_m_s,
+            seeds=[(orders.seed, sysid)],
+        )
+        self._tag = beacons.mission_tag(orders.mission)
+        self._events: list[Event] = []
+        self._next_heartbeat_s = 0.0
+        self._next_beacon_s = 0.0
+        self._next_ask_s = 0.0
+
+    # -- what the shell calls ------------------------------------------------------------------
+
+    @property
+    def is_ended(self) -> bool:
+        """Whether the mission is over for this vehicle, one way or the other."""
+        return self.phase in ENDED
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take a datagram from the vehicle's link; never raises on what is in it."""
+        for frame in self.parser.feed(data):
+            if frame.sysid == self.sysid:
+                self.telemetry.receive(frame, now)
+            elif frame.compid == COMPANION_COMPONENT and frame.id == _TUNNEL_ID:
+                self._hear(frame, now)
+
+    def tick(self, now: float) -> bytes:
+        """Decide; give the frames to send, as one datagram (empty when there is nothing)."""
+        self.now = now
+        if self.is_ended:
+            return b""
+        self._digest()
+        watch(self)
+        velocity = None if self.is_ended else DUTIES[self.phase](self)
+        return b"".join(self._frames(velocity))
+
+    def order(self, operator: Operator, now: float) -> None:
+        """Take an operator's order; one that makes no sense now changes nothing."""
+        self.now = now
+        if self.is_ended:
+            return
+        self.note("OperatorOrder", order=operator.value)
+        match operator:
+            case Operator.PAUSE if self.phase in STEERING - {Phase.HOLDING}:
+                self.is_paused = True
+                self.enter(Cause.HOLD, "paused by the operator")
+            case Operator.RESUME:
+                self._resume()
+            case Operator.RETURN | Operator.LAND | Operator.ABORT:
+                self._end(operator)
+
+    def fail(self, reason: str, now: float) -> None:
+        """Give up on this vehicle, because its shell broke or was told to."""
+        self.now = now
+        if not self.is_ended:
+            self.enter(Cause.FAULT, reason)
+
+    def drain_events(self) -> list[Event]:
+        """Give the facts since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def snapshot(self) -> Snapshot:
+        """Show this vehicle as an operator's table does."""
+        return Snapshot(
+            sysid=self.sysid,
+            phase=self.phase.value,
+            position_ned_m=self.telemetry.position_ned_m,
+            battery_fraction=self.telemetry.battery_fraction,
+            peers=self.peers.heard(self.now),
+            victims=len(self.victims),
+            note=self.reason,
+        )
+
+    # -- what watch and duties call ------------------------------------------------------------
+
+    @property
+    def in_phase_s(self) -> float:
+        """Time since the present phase began."""
+        return self.now - self.entered_s
+
+    @property
+    def is_time_to_ask(self) -> bool:
+        """Whether the last request has had time to show an effect."""
+        return self.now >= self._next_ask_s
+
+    def ask(self, wanted: Command, again_s: float = REPEAT_S) -> None:
+        """Request a command, and leave it time to show an effect."""
+        self._next_ask_s = self.now + again_s
+        self.commands.request(wanted)
+
+    def note(self, name: str, **data: Any) -> None:
+        """Record a fact."""
+        self._events.append(Event(round(self.now, 3), self.sysid, name, data))
+
+    def enter(self, cause: Cause, reason: str) -> None:
+        """Change the phase as the table says, and record it."""
+        before, self.phase = self.phase, advance(self.phase, cause)
+        if cause in {Cause.OBSTACLE, Cause.CLEAR}:
+            return  # avoiding is a part of exploring: too frequent for a line in the record
+        self.reason = reason
+        if cause in _ENDING and reason not in _AS_PLANNED:
+            self.trouble = self.trouble or reason
+        if before in {Phase.EXPLORING, Phase.AVOIDING}:
+            self.explored_to_s = self.now
+        self.entered_s = self._next_ask_s = self.now
+        self.hold_ned_m = self.telemetry.position_ned_m
+        self.route = None
+        if self.phase is Phase.EXPLORING:
+            self._begin_exploring()
+        self.note("PhaseChanged", before=before.value, after=self.phase.value, reason=reason)
+
+    def plan(self) -> None:
+        """Ask the planner; a plan that fails leaves the old one to go stale, which holds."""
+        place, dimensions = self.telemetry.position_ned_m, self.orders.planner.dimensions
+        offsets = [peer.offset_ned_m for peer in self.peers.near(place, self.now)]
+        try:
+            plan = self._planner.step(
+                np.array([place[:dimensions]]),
+                np.array([self.telemetry.yaw_rad]),
+                np.array([self.telemetry.ranges_m]),
+                np.array([offset[:dimensions] for offset in offsets]).reshape(1, -1, dimensions),
+            )
+        except (ArithmeticError, LookupError, ValueError) as error:
+            if not self.has_plan_failed:
+                self.note("PlannerFailed", error=f"{type(error).__name__}: {error}")
+            self.has_plan_failed = True
+            return
+        self.plan_s, self.has_plan_failed = self.now, False
+        self.planned_ned_m_s = _vec3(plan.velocity_m_s[0].tolist(), 0.0)
+        if plan.is_new[0]:
+            self.target_ned_m = _vec3(plan.target_m[0].tolist(), place.z)
+        self.yaw_rad = float(plan.heading_rad[0])
+        match self.phase, bool(plan.avoiding[0]):
+            case Phase.EXPLORING, True:
+                self.enter(Cause.OBSTACLE, "")
+            case Phase.AVOIDING, False:
+                self.enter(Cause.CLEAR, "")
+
+    # -- taking in -----------------------------------------------------------------------------
+
+    def _hear(self, frame: wire.Frame, now: float) -> None:
+        values = frame.values
+        if values.payload_type != beacons.PAYLOAD_TYPE:
+            return
+        beacon = beacons.decode(values.payload[: values.payload_length])
+        if beacon is not None and beacon.mission == self._tag:
+            self.peers.beacon(frame.sysid, beacon, now)
+
+    def _digest(self) -> None:
+        """Turn what was heard since the last tick into state and facts."""
+        telemetry = self.telemetry
+        if telemetry.peer_fixes:
+            self.peers.fix(telemetry.peer_fixes, telemetry.position_ned_m, self.now)
+            telemetry.peer_fixes.clear()
+        for number, place in telemetry.victim_fixes:
+            if number not in self.victims:
+                self.victims[number] = place
+                rounded = [round(value, 2) for value in place]
+                self.note("VictimFound", victim=number, position_ned_m=rounded)
+        telemetry.victim_fixes.clear()
+        for text in telemetry.texts:
+            self.note("StatusText", text=text)
+        telemetry.texts.clear()
+        for command_id, result in telemetry.acks:
+            self._answered(self.commands.acknowledge(command_id, result, self.now))
+        telemetry.acks.clear()
+        gained, lost = self.peers.contacts(self.now)
+        if gained or lost:
+            self.note("ContactsChanged", gained=gained, lost=lost)
+        if self.phase in STEERING:
+            self.trail.mark(telemetry.position_ned_m)
+
+    def _answered(self, answer: Answer | None) -> None:
+        if answer is None or answer.is_accepted:
+            return
+        if answer.command.id != commands.SET_MESSAGE_INTERVAL:  # a missing stream is asked again
+            self.refusal = f"command {answer.command.id} {answer.reason}"
+            self.note("CommandRefused", command=answer.command.id, reason=answer.reason)
+
+    # -- changing ------------------------------------------------------------------------------
+
+    def _begin_exploring(self) -> None:
+        self.planned_ned_m_s = ZERO
+        self.yaw_rad = self.telemetry.yaw_rad
+        if self.explored_from_s is None:
+            self.explored_from_s = self.now
+
+    def _resume(self) -> None:
+        self.is_paused = False
+        self.entered_s = self.now  # a hold that was ordered is none that failed to recover
+        if self.phase is Phase.YIELDED:
+            self.was_offboard = False
+            self.enter(Cause.RESUMED, "the operator gave the vehicle back")
+
+    def _end(self, operator: Operator) -> None:
+        """Bring the vehicle down: home first when asked to and in flight, else here."""
+        words = f"{operator.value} ordered by the operator"
+        on_ground = not self.telemetry.armed and self.phase not in STEERING
+        if on_ground and self.phase in {Phase.CONNECTING, Phase.READY, Phase.ARMING}:
+            self.enter(Cause.CANCELLED, words)
+        elif operator is Operator.RETURN:
+            if self.phase in STEERING - {Phase.RETURNING}:
+                self.enter(Cause.RETURN, words)
+        elif self.phase not in {Phase.LANDING, Phase.YIELDED, Phase.CONNECTING, Phase.READY}:
+            self.enter(Cause.LAND, words)
+
+    # -- sending -------------------------------------------------------------------------------
+
+    def _frames(self, velocity: Vec3 | None) -> list[bytes]:
+        now, sender, frames = self.now, self.sender, []
+        if now >= self._next_heartbeat_s:
+            self._next_heartbeat_s = now + HEARTBEAT_S
+            frames.append(sender.heartbeat())
+        due, timed_out = self.commands.poll(now)
+        self._answered(timed_out)
+        if due is not None and self.phase is not Phase.YIELDED:
+            frames.append(sender.command(*due))
+        if velocity is not None and not self.is_ended:
+            frames.append(sender.setpoint(self._last_word(velocity), now))
+        if now >= self._next_beacon_s and self.telemetry.autopilot is not None:
+            self._next_beacon_s = now + beacons.PERIOD_S
+            frames.append(sender.beacon(self._beacon()))
+        return frames
+
+    def _last_word(self, velocity: Vec3) -> Setpoint:
+        """Let the guard bend what the duty wants; nothing else makes a setpoint."""
+        telemetry = self.telemetry
+        place, velocity_now = telemetry.position_ned_m, telemetry.velocity_ned_m_s
+        motion = Motion(place, velocity_now, telemetry.yaw_rad)
+        fresh_s = self.now - self.orders.limits.range_stale_s
+        ranges = [
+            value if heard_s >= fresh_s else math.inf
+            for value, heard_s in zip(telemetry.ranges_m, telemetry.ranges_s, strict=True)
+        ]
+        peers = self.peers.near(place, self.now)
+        seen = self._guard.slow_when_blind(velocity, telemetry.yaw_rad)
+        safe = self._guard.confine(seen, motion, ranges, peers)
+        return Setpoint(safe, self.yaw_rad)
+
+    def _beacon(self) -> beacons.Beacon:
+        return beacons.Beacon(
+            mission=self._tag,
+            phase=self.phase,
+            velocity_ned_m_s=self.telemetry.velocity_ned_m_s,
+            heard=self.peers.heard(self.now),
+        )
+
+
+def _vec3(values: list[float], z: float) -> Vec3:
+    return Vec3(values[0], values[1], values[2] if len(values) > 2 else z)

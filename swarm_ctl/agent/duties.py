@@ -1,0 +1,179 @@
+"""What a vehicle does in each phase; a duty gives the setpoint to fly, or None for no setpoint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from swarm_ctl import wire
+from swarm_ctl.agent.homing import Route
+from swarm_ctl.agent.phases import Cause, Phase
+from swarm_ctl.agent.watch import MODE_LAG_S, missing
+from swarm_ctl.autopilot import command as commands
+from swarm_ctl.autopilot.base import CUSTOM_MODE_FLAG
+from swarm_ctl.autopilot.command import command
+from swarm_ctl.autopilot.telemetry import STREAMS_HZ
+from swarm_ctl.model import ZERO, Vec3
+
+if TYPE_CHECKING:
+    from swarm_ctl.agent.agent import Agent
+
+ARM_S = 30.0
+TAKEOFF_S = 40.0
+TAKEOFF_AGAIN_S = 8.0
+"""ArduPilot is 0.2 m up 4 s after the command, and begins anew when it comes again."""
+LANDING_S = 90.0
+STREAM_BEFORE_SWITCH_S = 1.0
+"""PX4 wants setpoints before it takes the offboard mode (PX4 guide, offboard mode)."""
+CLIMBED_FRACTION = 0.9
+ON_GROUND_M = 0.3
+HOLD_GAIN, HOLD_M_S = 0.8, 0.3
+IS_HOME, HAS_LANDED = "home", "landed"
+
+Duty = Callable[["Agent"], Vec3 | None]
+
+
+def connect(agent: Agent) -> Vec3 | None:
+    """Ask for the streams until everything that is needed arrives."""
+    if agent.telemetry.autopilot is None:
+        return None
+    if agent.is_time_to_ask:
+        for name, rate_hz in STREAMS_HZ.items():
+            interval = (float(wire.message(name).id), 1e6 / rate_hz)
+            agent.ask(command(commands.SET_MESSAGE_INTERVAL, *interval))
+    if not missing(agent):
+        name = agent.telemetry.autopilot.name
+        agent.note("Connected", autopilot=name)
+        agent.enter(Cause.CHECKED, f"{name} ready")
+    return None
+
+
+def wait_for_start(agent: Agent) -> Vec3 | None:
+    """Wait for this vehicle's turn to take off."""
+    if agent.in_phase_s >= agent.start_delay_s:
+        agent.enter(Cause.STARTED, "")
+    return None
+
+
+def arm(agent: Agent) -> Vec3 | None:
+    """Stream setpoints, switch to offboard, arm."""
+    telemetry, pilot = agent.telemetry, agent.telemetry.autopilot
+    agent.was_offboard = agent.was_offboard or telemetry.is_offboard
+    if agent.in_phase_s > ARM_S:
+        refusal = agent.refusal or missing(agent) or "no reason given"
+        agent.enter(Cause.FAULT, f"did not arm within {ARM_S:.0f} s: {refusal}")
+        return None
+    if pilot is None or (
+        not pilot.takeoff_by_command and agent.in_phase_s < STREAM_BEFORE_SWITCH_S
+    ):
+        return ZERO
+    if not telemetry.is_offboard:
+        if agent.is_time_to_ask:
+            mode = (CUSTOM_MODE_FLAG, *pilot.offboard_parameters)
+            agent.ask(command(commands.DO_SET_MODE, *mode))
+    elif telemetry.armed:
+        agent.enter(Cause.ARMED, "")
+    elif agent.is_time_to_ask:
+        agent.ask(command(commands.COMPONENT_ARM_DISARM, 1.0))
+    return ZERO
+
+
+def take_off(agent: Agent) -> Vec3 | None:
+    """Climb: PX4 by setpoints, ArduPilot by a command that no setpoint may follow."""
+    telemetry, flight, pilot = agent.telemetry, agent.orders.flight, agent.telemetry.autopilot
+    refusal = agent.refusal or "no reason given"
+    by_command = pilot is not None and pilot.takeoff_by_command
+    if telemetry.height_m > CLIMBED_FRACTION * flight.height_m:
+        agent.enter(Cause.AIRBORNE, "")
+        return None if by_command else ZERO
+    if not telemetry.armed and agent.in_phase_s > MODE_LAG_S:
+        agent.enter(Cause.DISARMED, f"disarmed before it flew: {refusal}")
+    elif agent.in_phase_s > TAKEOFF_S:
+        agent.enter(Cause.LAND, f"did not climb within {TAKEOFF_S:.0f} s: {refusal}")
+    elif not by_command:
+        short_m = flight.height_m - telemetry.height_m
+        level = _towards(ZERO, telemetry.position_ned_m)
+        return Vec3(level.x, level.y, -min(flight.climb_m_s, max(0.2, short_m)))
+    elif telemetry.height_m < ON_GROUND_M and agent.is_time_to_ask:
+        agent.ask(command(commands.NAV_TAKEOFF, *[0.0] * 6, flight.height_m), TAKEOFF_AGAIN_S)
+    return None
+
+
+def explore(agent: Agent) -> Vec3 | None:
+    """Follow the planner; in two dimensions at the mission's height."""
+    orders = agent.orders
+    if agent.now - agent.plan_s >= orders.planner.period_s - 1e-6:
+        agent.plan()
+    velocity = agent.planned_ned_m_s
+    if orders.planner.dimensions == 2:
+        climb = orders.flight.climb_m_s
+        short_m = orders.flight.height_m - agent.telemetry.height_m
+        return Vec3(velocity.x, velocity.y, -max(-climb, min(climb, short_m)))
+    return velocity
+
+
+def hold(agent: Agent) -> Vec3 | None:
+    """Stay where the hold began; a planner that failed is asked again."""
+    if agent.has_plan_failed:
+        agent.plan()
+    return _towards(agent.hold_ned_m, agent.telemetry.position_ned_m)
+
+
+def come_home(agent: Agent) -> Vec3 | None:
+    """Fly back along ground the vehicle has flown before."""
+    flight, place = agent.orders.flight, agent.telemetry.position_ned_m
+    if agent.in_phase_s > flight.return_timeout_s:
+        agent.enter(Cause.LAND, f"not home after {flight.return_timeout_s:.0f} s")
+        return None
+    if agent.route is None:
+        agent.route = Route(agent.trail.way_home())
+    velocity = agent.route.velocity(place, flight.speed_m_s)
+    if agent.route.is_done():
+        agent.enter(Cause.HOME, IS_HOME)
+        return None
+    if math.hypot(velocity.x, velocity.y) > 0.1:
+        agent.yaw_rad = math.atan2(velocity.y, velocity.x)
+    return velocity
+
+
+def land(agent: Agent) -> Vec3 | None:
+    """Let the autopilot land and wait until it has disarmed."""
+    telemetry, pilot = agent.telemetry, agent.telemetry.autopilot
+    if not telemetry.armed:
+        agent.enter(Cause.DISARMED, HAS_LANDED)
+    elif agent.in_phase_s > LANDING_S:
+        agent.enter(Cause.FAULT, f"did not land within {LANDING_S:.0f} s")
+    elif pilot and telemetry.custom_mode != pilot.land_mode and agent.is_time_to_ask:
+        agent.ask(command(commands.NAV_LAND))
+    return None
+
+
+def give_way(agent: Agent) -> Vec3 | None:
+    """Do nothing: a pilot flies; the mission ends when he has landed."""
+    if not agent.telemetry.armed:
+        agent.enter(Cause.DISARMED, f"{agent.reason}; the vehicle is on the ground")
+    return None
+
+
+DUTIES: dict[Phase, Duty] = {
+    Phase.CONNECTING: connect,
+    Phase.READY: wait_for_start,
+    Phase.ARMING: arm,
+    Phase.TAKEOFF: take_off,
+    Phase.EXPLORING: explore,
+    Phase.AVOIDING: explore,
+    Phase.HOLDING: hold,
+    Phase.RETURNING: come_home,
+    Phase.LANDING: land,
+    Phase.YIELDED: give_way,
+}
+
+
+def _towards(target: Vec3, place: Vec3) -> Vec3:
+    """Drift to a place close by, slowly."""
+    return Vec3(*(_clip(HOLD_GAIN * (t - p)) for t, p in zip(target, place, strict=True)))
+
+
+def _clip(speed_m_s: float) -> float:
+    return max(-HOLD_M_S, min(HOLD_M_S, speed_m_s))

@@ -1,0 +1,113 @@
+"""The last word on every velocity: fence, floor, ceiling, walls and peers as half-spaces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from swarm_ctl.agent.params import FlightParams, Limits
+from swarm_ctl.agent.peers import Neighbour
+from swarm_ctl.explore.safety import Constraint, limit_velocity, peer_limit, wall_limit
+from swarm_ctl.frames import wrap_rad
+from swarm_ctl.model import Vec3
+
+BEAM_BEARINGS_RAD = (0.0, math.pi, -math.pi / 2.0, math.pi / 2.0)
+"""Front, back, left and right rangefinder, clockwise from the vehicle's heading."""
+VERTICAL_BRAKING_M_S2 = 0.5
+"""Half of what ArduPilot brakes with vertically (WPNAV_ACCEL_Z 1 m/s2)."""
+SEEN_RAD = math.radians(30.0)
+"""A rangefinder's cone and a little more: the vehicle sees where it flies within this angle."""
+BLIND_M_S = 0.3
+"""Fastest flight towards where no rangefinder looks."""
+
+
+class Motion(NamedTuple):
+    """How the vehicle moves, in its own local frame."""
+
+    position_ned_m: Vec3
+    velocity_ned_m_s: Vec3
+    yaw_rad: float
+
+
+class Guard:
+    """Bend a demanded velocity until it breaks no limit (ALGORITHM 3.4)."""
+
+    def __init__(self, limits: Limits, flight: FlightParams) -> None:
+        self._limits = limits
+        self._speed = flight.speed_m_s
+        self._climb = flight.climb_m_s
+        self._braking = flight.acceleration_m_s2 / 2.0
+        self._response_s = flight.response_s
+
+    def slow_when_blind(self, velocity: Vec3, yaw_rad: float) -> Vec3:
+        """Turn first, then fly: keep the level speed low until the front sensor looks ahead."""
+        level = math.hypot(velocity.x, velocity.y)
+        if level <= BLIND_M_S:
+            return velocity
+        off = abs(wrap_rad(math.atan2(velocity.y, velocity.x) - yaw_rad))
+        if off <= SEEN_RAD:
+            return velocity
+        scale = BLIND_M_S / level
+        return Vec3(velocity.x * scale, velocity.y * scale, velocity.z)
+
+    def confine(
+        self,
+        velocity: Vec3,
+        motion: Motion,
+        ranges_m: Sequence[float],
+        peers: Sequence[Neighbour],
+    ) -> Vec3:
+        """Give the nearest velocity that respects every limit.
+
+        `ranges_m` are in the order front, back, left, right, up, down (inf = clear). Distances
+        are taken as they will be when the vehicle has begun to obey: it flies on for
+        `flight.response_s` first.
+        """
+        constraints = [
+            *self._fence(motion),
+            *self._walls(motion, ranges_m),
+            *self._peers(motion, peers),
+        ]
+        return Vec3(*limit_velocity(velocity, constraints, self._speed, self._climb))
+
+    def _fence(self, motion: Motion) -> list[Constraint]:
+        limits, position, flown = self._limits, motion.position_ned_m, motion.velocity_ned_m_s
+        position = Vec3(*(p + v * self._response_s for p, v in zip(position, flown, strict=True)))
+        height = -position.z
+        floor = wall_limit(height - limits.floor_m, 0.0, VERTICAL_BRAKING_M_S2)
+        ceiling = wall_limit(limits.ceiling_m - height, 0.0, VERTICAL_BRAKING_M_S2)
+        fence = [Constraint(0.0, 0.0, 1.0, floor), Constraint(0.0, 0.0, -1.0, ceiling)]
+        away = math.hypot(position.x, position.y)
+        if away > 0.5 * limits.radius_m:
+            room = wall_limit(limits.radius_m - away, 0.0, self._braking)
+            fence.append(Constraint(position.x / away, position.y / away, 0.0, room))
+        return fence
+
+    def _walls(self, motion: Motion, ranges_m: Sequence[float]) -> list[Constraint]:
+        standoff, (vx, vy, vz) = self._limits.wall_m, motion.velocity_ned_m_s
+        walls = []
+        for bearing, distance in zip(BEAM_BEARINGS_RAD, ranges_m, strict=False):
+            if distance < math.inf:
+                angle = motion.yaw_rad + bearing
+                x, y = math.cos(angle), math.sin(angle)
+                left = distance - self._response_s * max(0.0, vx * x + vy * y)
+                walls.append(Constraint(x, y, 0.0, wall_limit(left, standoff, self._braking)))
+        for down, distance in ((-1.0, ranges_m[4]), (1.0, ranges_m[5])):
+            if distance < math.inf:
+                left = distance - self._response_s * max(0.0, vz * down)
+                room = wall_limit(left, standoff, VERTICAL_BRAKING_M_S2)
+                walls.append(Constraint(0.0, 0.0, down, room))
+        return walls
+
+    def _peers(self, motion: Motion, peers: Sequence[Neighbour]) -> list[Constraint]:
+        separation, (vx, vy, vz) = self._limits.separation_m, motion.velocity_ned_m_s
+        constraints = []
+        for offset, velocity in peers:
+            distance = max(math.hypot(*offset), 1e-3)
+            x, y, z = (component / distance for component in offset)
+            closing = (vx - velocity.x) * x + (vy - velocity.y) * y + (vz - velocity.z) * z
+            left = distance - self._response_s * max(0.0, closing)
+            room = peer_limit(left, separation, self._braking, self._speed)
+            constraints.append(Constraint(x, y, z, room))
+        return constraints

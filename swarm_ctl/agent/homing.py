@@ -1,0 +1,80 @@
+"""The way home over ground that this vehicle has flown itself: no map, no global position."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from swarm_ctl.model import Vec3
+
+CELL_M = 0.5
+Cell = tuple[int, int, int]
+
+
+class Trail:
+    """Cells visited, joined where the vehicle flew from one into the next."""
+
+    def __init__(self) -> None:
+        self._places: dict[Cell, Vec3] = {}
+        self._joined: dict[Cell, set[Cell]] = {}
+        self._here: Cell | None = None
+
+    def mark(self, position_ned_m: Vec3) -> None:
+        """Remember being here, in the vehicle's own local frame."""
+        cell = _cell(position_ned_m)
+        if cell == self._here:
+            return
+        self._places.setdefault(cell, position_ned_m)
+        joined = self._joined.setdefault(cell, set())
+        if self._here is not None:
+            joined.add(self._here)
+            self._joined[self._here].add(cell)
+        self._here = cell
+
+    def way_home(self) -> list[Vec3]:
+        """Fewest-cells way from here to where the trail began, the start last."""
+        if self._here is None:
+            return []
+        home = next(iter(self._places))
+        came_from: dict[Cell, Cell] = {home: home}
+        queue = deque([home])
+        while queue and self._here not in came_from:
+            cell = queue.popleft()
+            for neighbour in sorted(self._joined[cell]):
+                if neighbour not in came_from:
+                    came_from[neighbour] = cell
+                    queue.append(neighbour)
+        way, cell = [], self._here
+        while cell != home:
+            cell = came_from[cell]
+            way.append(self._places[cell])
+        return way
+
+
+class Route:
+    """Follow a list of places, one after the other."""
+
+    def __init__(self, places: list[Vec3], reach_m: float = 0.35) -> None:
+        self._places = deque(places)
+        self._reach_m = reach_m
+
+    def is_done(self) -> bool:
+        """Whether the last place was reached."""
+        return not self._places
+
+    def velocity(self, position_ned_m: Vec3, speed_m_s: float) -> Vec3:
+        """Steer to the next place, slower near the last one."""
+        while self._places and math.dist(self._places[0], position_ned_m) < self._reach_m:
+            self._places.popleft()
+        if not self._places:
+            return Vec3(0.0, 0.0, 0.0)
+        target = self._places[0]
+        distance = math.dist(target, position_ned_m)
+        is_last = len(self._places) == 1
+        scale = (min(speed_m_s, distance) if is_last else speed_m_s) / distance
+        return Vec3(*((t - p) * scale for t, p in zip(target, position_ned_m, strict=True)))
+
+
+def _cell(position: Vec3) -> Cell:
+    x, y, z = (math.floor(value / CELL_M + 0.5) for value in position)
+    return x, y, z

@@ -1,0 +1,93 @@
+"""The peers a vehicle can hear: measured by its radio, dead-reckoned by their beacons."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from swarm_ctl.agent.beacon import Beacon
+from swarm_ctl.agent.phases import Phase
+from swarm_ctl.autopilot.telemetry import PeerFix
+from swarm_ctl.model import ZERO, Vec3
+
+FRESH_S = 1.0
+"""A peer silent for longer is out of range (ALGORITHM 3.4: seen in the last second)."""
+
+
+@dataclass(slots=True)
+class Peer:
+    """One peer in this vehicle's own local frame."""
+
+    position_ned_m: Vec3
+    fixed_s: float
+    velocity_ned_m_s: Vec3 = ZERO
+    phase: Phase | None = None
+    heard: tuple[int, ...] = ()
+    beacon_s: float = -math.inf
+
+
+class Neighbour(NamedTuple):
+    """Where a peer is now, and how it moves."""
+
+    offset_ned_m: Vec3
+    """From this vehicle to the peer."""
+    velocity_ned_m_s: Vec3
+    """Zero when it has not told."""
+
+
+class PeerTable:
+    """Everybody this vehicle has heard."""
+
+    def __init__(self) -> None:
+        self._peers: dict[int, Peer] = {}
+        self._early: dict[int, tuple[Beacon, float]] = {}
+        self._contacts: set[int] = set()
+
+    def fix(self, fixes: Iterable[PeerFix], own_ned_m: Vec3, now: float) -> None:
+        """Take what the radio measured just now."""
+        for sysid, offset in fixes:
+            place = Vec3(own_ned_m.x + offset.x, own_ned_m.y + offset.y, own_ned_m.z + offset.z)
+            peer = self._peers.get(sysid)
+            if peer is None:
+                self._peers[sysid] = peer = Peer(place, now)
+                if sysid in self._early:
+                    self.beacon(sysid, *self._early.pop(sysid))
+            peer.position_ned_m, peer.fixed_s = place, now
+
+    def beacon(self, sysid: int, beacon: Beacon, now: float) -> None:
+        """Take a beacon; one from a peer that was never measured waits for its first fix."""
+        peer = self._peers.get(sysid)
+        if peer is None:
+            self._early[sysid] = (beacon, now)
+            return
+        peer.velocity_ned_m_s, peer.phase = beacon.velocity_ned_m_s, beacon.phase
+        peer.heard, peer.beacon_s = beacon.heard, now
+
+    def near(self, own_ned_m: Vec3, now: float) -> list[Neighbour]:
+        """Give every fresh peer, dead-reckoned to now, ordered by sysid."""
+        return [_neighbour(self._peers[sysid], own_ned_m, now) for sysid in self.heard(now)]
+
+    def heard(self, now: float) -> tuple[int, ...]:
+        """Give the sysids of fresh peers, in order."""
+        return tuple(sorted(i for i, p in self._peers.items() if now - p.fixed_s <= FRESH_S))
+
+    def contacts(self, now: float) -> tuple[list[int], list[int]]:
+        """Tell who came into range and who was lost since the last call."""
+        heard = set(self.heard(now))
+        gained, lost = sorted(heard - self._contacts), sorted(self._contacts - heard)
+        self._contacts = heard
+        return gained, lost
+
+
+def _neighbour(peer: Peer, own: Vec3, now: float) -> Neighbour:
+    """Move a peer on from its last fix, at the velocity it told if that is fresh."""
+    velocity = peer.velocity_ned_m_s if now - peer.beacon_s <= FRESH_S else ZERO
+    age, place = now - peer.fixed_s, peer.position_ned_m
+    offset = Vec3(
+        place.x + velocity.x * age - own.x,
+        place.y + velocity.y * age - own.y,
+        place.z + velocity.z * age - own.z,
+    )
+    return Neighbour(offset, velocity)

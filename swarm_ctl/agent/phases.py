@@ -1,0 +1,113 @@
+"""The life of a vehicle in one literal table; a change that is not in it does not happen."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from swarm_ctl.errors import PhaseError
+
+
+class Phase(StrEnum):
+    """What a controller is doing with its vehicle."""
+
+    CONNECTING = "connecting"
+    READY = "ready"
+    ARMING = "arming"
+    TAKEOFF = "takeoff"
+    EXPLORING = "exploring"
+    AVOIDING = "avoiding"
+    HOLDING = "holding"
+    RETURNING = "returning"
+    LANDING = "landing"
+    YIELDED = "yielded"
+    DONE = "done"
+    FAILED = "failed"
+
+
+class Cause(StrEnum):
+    """What makes a phase end."""
+
+    CHECKED = "checked"
+    STARTED = "started"
+    ARMED = "armed"
+    AIRBORNE = "airborne"
+    OBSTACLE = "obstacle"
+    CLEAR = "clear"
+    HOLD = "hold"
+    RECOVERED = "recovered"
+    RETURN = "return"
+    LAND = "land"
+    HOME = "home"
+    DISARMED = "disarmed"
+    PILOT = "pilot"
+    RESUMED = "resumed"
+    CANCELLED = "cancelled"
+    FAULT = "fault"
+
+
+P, C = Phase, Cause
+
+TABLE: dict[tuple[Phase, Cause], Phase] = {
+    (P.CONNECTING, C.CHECKED): P.READY,
+    (P.CONNECTING, C.CANCELLED): P.DONE,
+    (P.CONNECTING, C.FAULT): P.FAILED,
+    (P.READY, C.STARTED): P.ARMING,
+    (P.READY, C.CANCELLED): P.DONE,
+    (P.READY, C.FAULT): P.FAILED,
+    (P.ARMING, C.ARMED): P.TAKEOFF,
+    (P.ARMING, C.LAND): P.LANDING,
+    (P.ARMING, C.PILOT): P.YIELDED,
+    (P.ARMING, C.CANCELLED): P.DONE,
+    (P.ARMING, C.FAULT): P.FAILED,
+    (P.TAKEOFF, C.AIRBORNE): P.EXPLORING,
+    (P.TAKEOFF, C.LAND): P.LANDING,
+    (P.TAKEOFF, C.PILOT): P.YIELDED,
+    (P.TAKEOFF, C.DISARMED): P.FAILED,
+    (P.TAKEOFF, C.FAULT): P.FAILED,
+    (P.EXPLORING, C.OBSTACLE): P.AVOIDING,
+    (P.EXPLORING, C.HOLD): P.HOLDING,
+    (P.EXPLORING, C.RETURN): P.RETURNING,
+    (P.EXPLORING, C.LAND): P.LANDING,
+    (P.EXPLORING, C.PILOT): P.YIELDED,
+    (P.EXPLORING, C.DISARMED): P.FAILED,
+    (P.EXPLORING, C.FAULT): P.FAILED,
+    (P.AVOIDING, C.CLEAR): P.EXPLORING,
+    (P.AVOIDING, C.HOLD): P.HOLDING,
+    (P.AVOIDING, C.RETURN): P.RETURNING,
+    (P.AVOIDING, C.LAND): P.LANDING,
+    (P.AVOIDING, C.PILOT): P.YIELDED,
+    (P.AVOIDING, C.DISARMED): P.FAILED,
+    (P.AVOIDING, C.FAULT): P.FAILED,
+    (P.HOLDING, C.RECOVERED): P.EXPLORING,
+    (P.HOLDING, C.RETURN): P.RETURNING,
+    (P.HOLDING, C.LAND): P.LANDING,
+    (P.HOLDING, C.PILOT): P.YIELDED,
+    (P.HOLDING, C.DISARMED): P.FAILED,
+    (P.HOLDING, C.FAULT): P.FAILED,
+    (P.RETURNING, C.HOME): P.LANDING,
+    (P.RETURNING, C.HOLD): P.HOLDING,
+    (P.RETURNING, C.LAND): P.LANDING,
+    (P.RETURNING, C.PILOT): P.YIELDED,
+    (P.RETURNING, C.DISARMED): P.FAILED,
+    (P.RETURNING, C.FAULT): P.FAILED,
+    (P.LANDING, C.DISARMED): P.DONE,
+    (P.LANDING, C.PILOT): P.YIELDED,
+    (P.LANDING, C.FAULT): P.FAILED,
+    (P.YIELDED, C.RESUMED): P.ARMING,
+    (P.YIELDED, C.DISARMED): P.DONE,
+    (P.YIELDED, C.LAND): P.LANDING,
+    (P.YIELDED, C.FAULT): P.FAILED,
+}
+
+ENDED = frozenset({P.DONE, P.FAILED})
+"""Nothing leads out of these."""
+STEERING = frozenset({P.EXPLORING, P.AVOIDING, P.HOLDING, P.RETURNING})
+"""The controller steers: setpoints stream, and a lost mode means that a pilot took over."""
+
+
+def advance(phase: Phase, cause: Cause) -> Phase:
+    """Look up where a cause leads; raise PhaseError when the table has no such pair."""
+    try:
+        return TABLE[phase, cause]
+    except KeyError:
+        raise PhaseError(phase, cause) from None

@@ -1,0 +1,64 @@
+"""The frames a controller sends, built from named values; one sequence of numbers for all."""
+
+from __future__ import annotations
+
+from swarm_ctl import wire
+from swarm_ctl.agent import beacon as beacons
+from swarm_ctl.autopilot.command import Command
+from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
+from swarm_ctl.model import Setpoint
+
+_HEARTBEAT = wire.message("HEARTBEAT")
+_COMMAND_LONG = wire.message("COMMAND_LONG")
+_SETPOINT = wire.message("SET_POSITION_TARGET_LOCAL_NED")
+_TUNNEL = wire.message("TUNNEL")
+
+_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _STATE_ACTIVE, _MAVLINK_VERSION = 18, 8, 4, 3
+_LOCAL_NED = 1
+_IGNORE_POSITION, _IGNORE_ACCELERATION, _IGNORE_YAW_RATE = 0x007, 0x1C0, 0x800
+_VELOCITY_AND_YAW = _IGNORE_POSITION | _IGNORE_ACCELERATION | _IGNORE_YAW_RATE
+_UNUSED = (0.0, 0.0, 0.0)
+
+
+class Sender:
+    """Pack frames from the companion computer (compid 191) of one vehicle."""
+
+    def __init__(self, sysid: int) -> None:
+        self.sysid = sysid
+        self.sent = 0
+
+    def heartbeat(self) -> bytes:
+        """Say that the companion is alive."""
+        beat = (_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _STATE_ACTIVE, _MAVLINK_VERSION)
+        return self._pack(_HEARTBEAT, *beat)
+
+    def command(self, wanted: Command, confirmation: int) -> bytes:
+        """Ask the vehicle's own autopilot for something."""
+        target = (self.sysid, AUTOPILOT_COMPONENT)
+        return self._pack(_COMMAND_LONG, *target, wanted.id, confirmation, *wanted.parameters)
+
+    def setpoint(self, wanted: Setpoint, now: float) -> bytes:
+        """Demand velocity and heading in the vehicle's local NED frame."""
+        return self._pack(
+            _SETPOINT,
+            int(now * 1000.0),
+            self.sysid,
+            AUTOPILOT_COMPONENT,
+            _LOCAL_NED,
+            _VELOCITY_AND_YAW,
+            *_UNUSED,
+            *wanted.velocity_ned_m_s,
+            *_UNUSED,
+            wanted.yaw_rad,
+            0.0,
+        )
+
+    def beacon(self, beacon: beacons.Beacon) -> bytes:
+        """Tell every peer in radio range; target system 0 makes it a broadcast."""
+        payload = beacons.encode(beacon)
+        return self._pack(_TUNNEL, 0, 0, beacons.PAYLOAD_TYPE, len(payload), payload)
+
+    def _pack(self, message: wire.Message, *values: object) -> bytes:
+        frame = message.pack(self.sent & 0xFF, self.sysid, COMPANION_COMPONENT, *values)
+        self.sent += 1
+        return frame

@@ -1,0 +1,206 @@
+"""The latest of what an autopilot told, with the time it was told."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from swarm_ctl import wire
+from swarm_ctl.autopilot.ardupilot import ARDUPILOT
+from swarm_ctl.autopilot.base import ARMED_FLAG, Autopilot
+from swarm_ctl.autopilot.px4 import PX4
+from swarm_ctl.frames import body_to_ned, rotate
+from swarm_ctl.model import ZERO, Vec3
+
+AUTOPILOT_COMPONENT = 1
+RADIO_COMPONENT = 68
+COMPANION_COMPONENT = 191
+
+SUBSCRIBED = (
+    "HEARTBEAT",
+    "SYS_STATUS",
+    "ATTITUDE",
+    "LOCAL_POSITION_NED",
+    "EXTENDED_SYS_STATE",
+    "DISTANCE_SENSOR",
+    "LANDING_TARGET",
+    "COMMAND_ACK",
+    "STATUSTEXT",
+    "TUNNEL",
+)
+STREAMS_HZ = {
+    "LOCAL_POSITION_NED": 10.0,
+    "ATTITUDE": 10.0,
+    "DISTANCE_SENSOR": 10.0,
+    "EXTENDED_SYS_STATE": 2.0,
+    "SYS_STATUS": 1.0,
+}
+"""What the controller needs and how often; asked for by SET_MESSAGE_INTERVAL."""
+
+RANGE_BY_ORIENTATION = {0: 0, 12: 1, 6: 2, 2: 3, 24: 4, 25: 5}
+"""MAV_SENSOR_ORIENTATION of the front, back, left, right, up and down rangefinders."""
+CUSTOM_ORIENTATION = 100
+PREARM_CHECK = 0x10000000
+"""MAV_SYS_STATUS_PREARM_CHECK: healthy when the vehicle would arm."""
+STANDBY, ACTIVE, CRITICAL, TERMINATED = 3, 4, 5, 8
+ON_GROUND, IN_AIR = 1, 2
+
+AUTOPILOTS: dict[int, Autopilot] = {pilot.heartbeat_id: pilot for pilot in (PX4, ARDUPILOT)}
+_ID = {name: wire.message(name).id for name in SUBSCRIBED}
+
+
+class PeerFix(NamedTuple):
+    """A peer as the vehicle's own radio measured it."""
+
+    sysid: int
+    offset_ned_m: Vec3
+    """From this vehicle to the peer."""
+
+
+class VictimFix(NamedTuple):
+    """A victim as the infrared sensor sees it."""
+
+    number: int
+    position_ned_m: Vec3
+    """In the vehicle's own local frame."""
+
+
+class Telemetry:
+    """Latest values of one vehicle; times are mission time, -inf for never."""
+
+    def __init__(self, sysid: int) -> None:
+        self.sysid = sysid
+        self.autopilot: Autopilot | None = None
+        self.heard_s = -math.inf
+        self.heartbeat_s = -math.inf
+        self.position_s = -math.inf
+        self.attitude_s = -math.inf
+        self.armed = False
+        self.custom_mode = -1
+        self.system_status = 0
+        self.prearm_ok = False
+        self.landed_state = 0
+        self.position_ned_m = ZERO
+        self.velocity_ned_m_s = ZERO
+        self.attitude_rad = ZERO
+        """Roll, pitch, yaw."""
+        self.ranges_m = [math.inf] * 6
+        self.ranges_s = [-math.inf] * 6
+        self.battery_fraction: float | None = None
+        self.peer_fixes: list[PeerFix] = []
+        self.victim_fixes: list[VictimFix] = []
+        self.texts: list[str] = []
+        self.acks: list[tuple[int, int]] = []
+        self._handlers = {
+            _ID["HEARTBEAT"]: self._heartbeat,
+            _ID["SYS_STATUS"]: self._sys_status,
+            _ID["ATTITUDE"]: self._attitude,
+            _ID["LOCAL_POSITION_NED"]: self._local_position,
+            _ID["EXTENDED_SYS_STATE"]: self._extended_state,
+            _ID["DISTANCE_SENSOR"]: self._distance,
+            _ID["LANDING_TARGET"]: self._landing_target,
+            _ID["COMMAND_ACK"]: self._ack,
+            _ID["STATUSTEXT"]: self._text,
+        }
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the autopilot says that it would arm."""
+        return self.prearm_ok or self.system_status in {STANDBY, ACTIVE}
+
+    @property
+    def is_offboard(self) -> bool:
+        """Whether the autopilot obeys the companion's setpoints."""
+        return self.autopilot is not None and self.custom_mode == self.autopilot.offboard_mode
+
+    @property
+    def is_failsafe(self) -> bool:
+        """Whether the autopilot says that a failsafe of its own is at work."""
+        return self.system_status in {CRITICAL, TERMINATED}
+
+    @property
+    def mode_name(self) -> str:
+        """Name the mode the autopilot is in."""
+        return self.autopilot.mode_name(self.custom_mode) if self.autopilot else "unknown"
+
+    @property
+    def height_m(self) -> float:
+        """Height above the vehicle's own start."""
+        return -self.position_ned_m.z
+
+    @property
+    def yaw_rad(self) -> float:
+        """Heading, clockwise from north."""
+        return self.attitude_rad.z
+
+    def receive(self, frame: wire.Frame, now: float) -> None:
+        """Take one frame of the vehicle's own autopilot or radio."""
+        if frame.compid == RADIO_COMPONENT:
+            if frame.id == _ID["DISTANCE_SENSOR"]:
+                self._peer_distance(frame.values)
+            return
+        if frame.compid != AUTOPILOT_COMPONENT:
+            return
+        self.heard_s = now
+        handler = self._handlers.get(frame.id)
+        if handler is not None:
+            handler(frame.values, now)
+
+    def _heartbeat(self, values: Any, now: float) -> None:
+        self.heartbeat_s = now
+        self.autopilot = AUTOPILOTS.get(values.autopilot, self.autopilot)
+        self.armed = bool(values.base_mode & ARMED_FLAG)
+        self.custom_mode = values.custom_mode
+        self.system_status = values.system_status
+
+    def _sys_status(self, values: Any, _now: float) -> None:
+        self.prearm_ok = bool(values.onboard_control_sensors_health & PREARM_CHECK)
+        if values.battery_remaining >= 0:
+            self.battery_fraction = values.battery_remaining / 100.0
+
+    def _attitude(self, values: Any, now: float) -> None:
+        attitude = Vec3(values.roll, values.pitch, values.yaw)
+        if all(map(math.isfinite, attitude)):
+            self.attitude_rad = attitude
+            self.attitude_s = now
+
+    def _local_position(self, values: Any, now: float) -> None:
+        position = Vec3(values.x, values.y, values.z)
+        velocity = Vec3(values.vx, values.vy, values.vz)
+        if all(map(math.isfinite, (*position, *velocity))):
+            self.position_ned_m, self.velocity_ned_m_s = position, velocity
+            self.position_s = now
+
+    def _extended_state(self, values: Any, _now: float) -> None:
+        self.landed_state = values.landed_state
+
+    def _distance(self, values: Any, now: float) -> None:
+        index = RANGE_BY_ORIENTATION.get(values.orientation)
+        if index is None:
+            return
+        beyond = values.current_distance >= values.max_distance
+        self.ranges_m[index] = math.inf if beyond else values.current_distance * 0.01
+        self.ranges_s[index] = now
+
+    def _peer_distance(self, values: Any) -> None:
+        if values.orientation != CUSTOM_ORIENTATION or not values.id:
+            return
+        ahead = Vec3(values.current_distance * 0.01, 0.0, 0.0)
+        offset = body_to_ned(rotate(values.quaternion, ahead), *self.attitude_rad)
+        if all(map(math.isfinite, offset)):
+            self.peer_fixes.append(PeerFix(values.id, offset))
+
+    def _landing_target(self, values: Any, _now: float) -> None:
+        if not values.position_valid:
+            return
+        x, y, z = body_to_ned(Vec3(values.x, values.y, values.z), *self.attitude_rad)
+        if all(map(math.isfinite, (x, y, z))):
+            own = self.position_ned_m
+            position = Vec3(own.x + x, own.y + y, own.z + z)
+            self.victim_fixes.append(VictimFix(values.target_num, position))
+
+    def _ack(self, values: Any, _now: float) -> None:
+        self.acks.append((values.command, values.result))
+
+    def _text(self, values: Any, _now: float) -> None:
+        self.texts.append(values.text.strip())

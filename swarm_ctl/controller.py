@@ -1,0 +1,139 @@
+"""One controller per vehicle: an agent, its record, and the asyncio shell that flies it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Protocol
+
+from swarm_ctl.agent.agent import Agent
+from swarm_ctl.model import Operator, Vec3
+from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.summary import VehicleResult
+
+TICK_S = 0.1
+"""Mission time between two decisions and two setpoints."""
+WAYPOINT_S = 1.0
+
+
+class Controller:
+    """An agent together with what it leaves behind; still without sockets and clocks."""
+
+    def __init__(self, index: int, agent: Agent, folder: RunFolder) -> None:
+        self.index = index
+        self.agent = agent
+        self._folder = folder
+        self._tlog = folder.tlog(agent.sysid)
+        self._waypoints = folder.waypoints(agent.sysid)
+        self._next_waypoint_s = 0.0
+        self._target: Vec3 | None = None
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take a datagram from the vehicle."""
+        self._folder.hash.frame(self.index, False, data)
+        self._tlog.write(data, now)
+        self.agent.receive(data, now)
+
+    def tick(self, now: float) -> bytes:
+        """Decide; give the datagram to send."""
+        data = self.agent.tick(now)
+        if data:
+            self._folder.hash.frame(self.index, True, data)
+            self._tlog.write(data, now)
+        self.record(now)
+        return data
+
+    def record(self, now: float) -> None:
+        """Write down what happened since the last call."""
+        agent = self.agent
+        for event in agent.drain_events():
+            self._folder.journal.write(event)
+        if agent.explored_from_s is None:
+            return
+        if now >= self._next_waypoint_s:
+            self._next_waypoint_s = now + WAYPOINT_S
+            peers = agent.peers.heard(now)
+            self._waypoints.visited(now, agent.telemetry.position_ned_m, peers)
+        if agent.target_ned_m is not None and agent.target_ned_m != self._target:
+            self._target = agent.target_ned_m
+            self._waypoints.target(now, self._target)
+
+    def order(self, operator: Operator, now: float) -> None:
+        """Pass on an operator's order."""
+        self.agent.order(operator, now)
+        self.record(now)
+
+    def kill(self, reason: str, now: float) -> None:
+        """End this controller; its vehicle is left to its autopilot's own failsafe."""
+        self.agent.fail(reason, now)
+        self.record(now)
+
+    def result(self) -> VehicleResult:
+        """Sum up this vehicle's flight."""
+        agent = self.agent
+        return VehicleResult(
+            sysid=agent.sysid,
+            phase=agent.phase.value,
+            reason=agent.trouble,
+            messages_sent=agent.sender.sent,
+            messages_received=agent.parser.stats.frames,
+            messages_lost=agent.parser.stats.lost,
+            victims=sorted(agent.victims),
+            explored_from_s=agent.explored_from_s,
+            explored_to_s=agent.explored_to_s,
+        )
+
+
+class Clock:
+    """Mission time that follows the machine's clock, `speed` times as fast."""
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self.speed = speed
+        self._began = time.monotonic()
+
+    def now(self) -> float:
+        """Give mission time in seconds, from 0."""
+        return (time.monotonic() - self._began) * self.speed
+
+    async def sleep_until(self, moment_s: float) -> None:
+        """Sleep until a moment of mission time."""
+        await asyncio.sleep(max(0.0, (moment_s - self.now()) / self.speed))
+
+
+class Link(Protocol):
+    """What a controller needs of its way to the autopilot."""
+
+    def fileno(self) -> int:
+        """Give the descriptor to watch."""
+
+    def send(self, data: bytes) -> bool:
+        """Send without blocking; False when it did not leave."""
+
+    def drain(self) -> list[bytes]:
+        """Give what arrived."""
+
+
+async def fly(controller: Controller, link: Link, clock: Clock, *, offset_s: float = 0.0) -> None:
+    """Fly one vehicle over a link until its mission ends.
+
+    Deadlines are absolute, so ticks do not drift; a tick that was missed is left out, so a
+    process that stalled does not send a burst of stale setpoints. `offset_s` spreads vehicles.
+    """
+    loop = asyncio.get_running_loop()
+
+    def read() -> None:
+        for data in link.drain():
+            controller.receive(data, clock.now())
+
+    loop.add_reader(link.fileno(), read)
+    try:
+        due_s = clock.now() + offset_s
+        while not controller.agent.is_ended:
+            await clock.sleep_until(due_s)
+            now = clock.now()
+            data = controller.tick(now)
+            if data:
+                link.send(data)
+            due_s += TICK_S * max(1, 1 + int((now - due_s) / TICK_S))
+    finally:
+        loop.remove_reader(link.fileno())

@@ -1,0 +1,96 @@
+"""Controllers and mock fleet in one process, in virtual time: no sockets, tasks or threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mock_vehicle.errors import MockVehicleError
+from mock_vehicle.faults import FleetKilled, parse_fault
+from mock_vehicle.fleet import STEP_S, Fleet
+from mock_vehicle.world import load_world
+from swarm_ctl.errors import MockError
+from swarm_ctl.flight import TRUTH, Faults, controllers_for
+from swarm_ctl.mission import Mission
+from swarm_ctl.model import Operator
+from swarm_ctl.record.folder import RunFolder
+
+STEPS_PER_TICK = 5
+"""Physics steps between two ticks of a controller; vehicle i ticks in step i of each five."""
+
+
+class Arena:
+    """Fly one mission in lockstep; the same seed gives the same frames, bit for bit."""
+
+    def __init__(self, mission: Mission, folder: RunFolder, faults: Faults | None = None) -> None:
+        faults = faults or Faults()
+        self.now = 0.0
+        self.controllers = controllers_for(mission, folder)
+        self.notes: list[str] = []
+        self.fleet = _fleet(mission, faults)
+        self._is_mock_alive = True
+        self._folder = folder
+        self._kills = list(faults.controllers)
+        self._step = 0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether every vehicle's mission has ended."""
+        return all(controller.agent.is_ended for controller in self.controllers)
+
+    def fly(
+        self, progress: Callable[[Arena], None] | None = None, *, until_s: float = float("inf")
+    ) -> None:
+        """Fly until the mission is over or mission time has come; report every tick."""
+        while not self.is_over and self.now < until_s:
+            self.step()
+            if progress is not None and self._step % STEPS_PER_TICK == 0:
+                progress(self)
+
+    def step(self) -> None:
+        """Advance physics by one step, and those controllers whose turn it is."""
+        self._step += 1
+        self.now = now = self._step * STEP_S
+        while self._kills and self._kills[0][0] <= now:
+            _, sysid = self._kills.pop(0)
+            self.controllers[sysid - 1].kill("its controller was killed", now)
+        if self._is_mock_alive:
+            self._step_fleet(now)
+        for controller in self.controllers[self._step % STEPS_PER_TICK :: STEPS_PER_TICK]:
+            data = controller.tick(now)
+            if data and self._is_mock_alive:
+                self.fleet.receive(controller.index, data, now)
+        self._folder.tick(now)
+
+    def order(self, operator: Operator) -> None:
+        """Pass an operator's order to everybody."""
+        for controller in self.controllers:
+            controller.order(operator, self.now)
+
+    def write_truth(self) -> None:
+        """Let the referee write what really happened; one that was killed writes nothing."""
+        if self._is_mock_alive:
+            self.fleet.referee.write(self._folder.path / TRUTH)
+
+    def _step_fleet(self, now: float) -> None:
+        try:
+            datagrams = self.fleet.step(now)
+        except FleetKilled:
+            self._is_mock_alive = False
+            self.notes.append(f"the mock fleet died at {now:.1f} s")
+            return
+        for index, data in datagrams:
+            self.controllers[index].receive(data, now)
+
+
+def _fleet(mission: Mission, faults: Faults) -> Fleet:
+    kinds = {"mixed": ("px4", "ardupilot")}.get(mission.autopilot, (mission.autopilot,))
+    personalities = [kinds[index % len(kinds)] for index in range(mission.vehicles)]
+    try:
+        return Fleet(
+            load_world(mission.world),
+            personalities,
+            seed=mission.seed,
+            faults=[parse_fault(text) for text in faults.mock],
+        )
+    except (MockVehicleError, ValueError) as error:
+        raise MockError(str(error)) from error

@@ -1,0 +1,97 @@
+"""What every kind of run shares: who flies, what is broken on purpose, how a run is summed up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+from swarm_ctl.agent.agent import Agent, Orders
+from swarm_ctl.agent.phases import Phase
+from swarm_ctl.controller import Controller
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.mission import Mission
+from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.plots import draw_pictures
+from swarm_ctl.record.summary import summarise, write_summary
+
+TRUTH = "truth"
+"""The referee's part of a run folder; no controller reads it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """Faults ordered on the command line, each `KIND:SYSID@SECONDS`."""
+
+    controllers: tuple[tuple[float, int], ...] = ()
+    """Mission time and sysid of each controller to be killed."""
+    mock: tuple[str, ...] = ()
+    """What the mock vehicles are told, in their own words."""
+
+    @classmethod
+    def parse(cls, texts: Sequence[str], vehicles: int) -> Self:
+        """Sort out whose fault each one is; SwarmError names the one that cannot be."""
+        controllers, mock = [], []
+        for text in texts:
+            kind, _, rest = text.partition(":")
+            if kind != "controller":
+                mock.append(text)
+                continue
+            sysid, _, seconds = rest.partition("@")
+            try:
+                fault = float(seconds), int(sysid)
+            except ValueError:
+                raise SwarmError(f"--fault {text}: expected controller:SYSID@SECONDS") from None
+            if not 1 <= fault[1] <= vehicles or not fault[0] >= 0.0:
+                raise SwarmError(f"--fault {text}: the vehicles are 1 to {vehicles}")
+            controllers.append(fault)
+        return cls(tuple(sorted(controllers)), tuple(mock))
+
+
+def controllers_for(mission: Mission, folder: RunFolder) -> list[Controller]:
+    """Build one controller per vehicle of a mission, sysids from 1."""
+    orders = Orders(
+        mission=mission.name,
+        duration_s=mission.duration_s,
+        planner=mission.planner,
+        flight=mission.flight,
+        limits=mission.limits,
+        seed=mission.seed,
+    )
+    spacing_s = mission.flight.start_spacing_s
+    return [
+        Controller(index, Agent(index + 1, orders, start_delay_s=index * spacing_s), folder)
+        for index in range(mission.vehicles)
+    ]
+
+
+def finish(
+    mission: Mission,
+    folder: RunFolder,
+    controllers: Sequence[Controller],
+    *,
+    mode: Literal["udp", "virtual"],
+    time_s: float,
+    wall_s: float,
+    interrupted: bool,
+    notes: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Close the record: summary and pictures; give the summary."""
+    folder.close()
+    flown = any(controller.agent.explored_from_s is not None for controller in controllers)
+    ended = any(controller.agent.phase is Phase.DONE for controller in controllers)
+    outcome: Literal["flown", "interrupted", "failed"] = "flown" if flown and ended else "failed"
+    summary = summarise(
+        folder.path,
+        mission=mission.dump(),
+        mode=mode,
+        outcome="interrupted" if interrupted else outcome,
+        time_s=time_s,
+        wall_s=wall_s,
+        results=[controller.result() for controller in controllers],
+        run_sha256=folder.hash.hexdigest(),
+        notes=notes,
+    )
+    summary["notes"] += draw_pictures(folder.path, summary)
+    write_summary(folder.path, summary)
+    return summary

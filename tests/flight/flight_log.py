@@ -1,0 +1,58 @@
+"""Whole missions in virtual time: controllers, MAVLink, mock fleet, radio; no sockets."""
+
+from collections.abc import Callable
+from typing import Any
+
+from swarm_ctl.agent.agent import Agent
+from swarm_ctl.experiment.arena import Arena
+from swarm_ctl.record.folder import RunFolder
+
+WORLD: dict[str, Any] = {
+    "name": "hall",
+    "size_m": [16, 16],
+    "ceiling_m": 4.0,
+    "victims": [{"name": "v1", "position_m": [4.0, 4.0, 0.3]}],
+    "starts": {"grid": {"origin_m": [6, 6], "spacing_m": 2.0, "columns": 3}},
+    "coverage": {"footprint": "disc", "radius_m": 1.0, "cell_m": 0.25, "line_of_sight": True},
+    "radio": {"radius_m": 3.0},
+}
+MISSION: dict[str, Any] = {
+    "name": "hall",
+    "world": "world.yaml",
+    "vehicles": 2,
+    "duration_s": 40.0,
+    "planner": {"kind": "lf-pso", "levy_min_m": 2.0, "avoid_distance_m": 0.7},
+    "flight": {"height_m": 1.5},
+    "limits": {"ceiling_m": 3.5, "radius_m": 50.0},
+}
+
+
+class Flight:
+    """A mission in the air, and the words to tell its story."""
+
+    def __init__(self, arena: Arena, folder: RunFolder) -> None:
+        self.arena = arena
+        self.folder = folder
+
+    def agent(self, sysid: int) -> Agent:
+        return self.arena.controllers[sysid - 1].agent
+
+    def fly(self, seconds: float) -> None:
+        self.arena.fly(until_s=self.arena.now + seconds)
+
+    def fly_until(self, condition: Callable[[], bool], within_s: float = 120.0) -> None:
+        end_s = self.arena.now + within_s
+        while not condition():
+            assert self.arena.now < end_s, "it did not happen in time"
+            assert not self.arena.is_over, [c.agent.trouble for c in self.arena.controllers]
+            self.arena.fly(until_s=self.arena.now + 0.1)
+
+    def fly_to_the_end(self) -> None:
+        self.arena.fly(until_s=1000.0)
+        assert self.arena.is_over
+
+    def all_in(self, *phases: str) -> bool:
+        return all(c.agent.phase.value in phases for c in self.arena.controllers)
+
+    def truth(self) -> dict[str, Any]:
+        return self.arena.fleet.referee.snapshot()

@@ -1,0 +1,78 @@
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarm_ctl.agent.geofence import Guard, Motion
+from swarm_ctl.agent.params import FlightParams, Limits
+from swarm_ctl.agent.peers import Neighbour
+from swarm_ctl.model import ZERO, Vec3
+
+LIMITS = Limits(radius_m=10.0, floor_m=0.5, ceiling_m=4.0)
+GUARD = Guard(LIMITS, FlightParams(speed_m_s=2.0, climb_m_s=1.0))
+CLEAR = [math.inf] * 6
+SPEED = st.floats(-5.0, 5.0)
+
+
+def at_rest(yaw_rad: float = 0.0) -> Motion:
+    return Motion(Vec3(0, 0, -2), ZERO, yaw_rad)
+
+
+def test_a_velocity_that_breaks_nothing_is_left_alone() -> None:
+    wanted = Vec3(1.0, 0.5, -0.2)
+    assert GUARD.confine(wanted, at_rest(), CLEAR, []) == pytest.approx(wanted)
+
+
+def test_the_wall_ahead_of_a_vehicle_that_faces_east_stops_flight_to_the_east() -> None:
+    ranges = [0.5, *CLEAR[1:]]
+    safe = GUARD.confine(Vec3(0.3, 1.0, 0.0), at_rest(math.pi / 2), ranges, [])
+    assert safe.y == pytest.approx(0.0, abs=1e-6)
+    assert safe.x == pytest.approx(0.3)
+
+
+def test_a_wall_on_the_left_stops_flight_to_the_left_only() -> None:
+    ranges = [math.inf, math.inf, 0.5, math.inf, math.inf, math.inf]
+    assert GUARD.confine(Vec3(0, -1, 0), at_rest(), ranges, []).y >= -1e-6
+    assert GUARD.confine(Vec3(0, 1, 0), at_rest(), ranges, []).y > 0.9
+
+
+def test_a_vehicle_in_motion_brakes_earlier_than_one_at_rest() -> None:
+    ranges, ahead = [1.2, *CLEAR[1:]], Vec3(1, 0, 0)
+    moving = Motion(Vec3(0, 0, -2), Vec3(1, 0, 0), 0.0)
+    at_rest_m_s = GUARD.confine(ahead, at_rest(), ranges, []).x
+    assert GUARD.confine(ahead, moving, ranges, []).x < at_rest_m_s - 0.2
+
+
+def test_a_peer_too_close_pushes_away() -> None:
+    peer = Neighbour(Vec3(0.7, 0, 0), ZERO)
+    assert GUARD.confine(Vec3(0, 0, 0), at_rest(), CLEAR, [peer]).x < -0.3
+
+
+def test_a_peer_that_comes_closer_stops_a_vehicle_sooner() -> None:
+    ahead, offset = Vec3(1, 0, 0), Vec3(1.8, 0, 0)
+    still = GUARD.confine(ahead, at_rest(), CLEAR, [Neighbour(offset, ZERO)])
+    coming = GUARD.confine(ahead, at_rest(), CLEAR, [Neighbour(offset, Vec3(-1, 0, 0))])
+    assert coming.x < still.x - 0.1
+
+
+def test_a_vehicle_turns_before_it_flies_fast() -> None:
+    sideways = GUARD.slow_when_blind(Vec3(0.0, 1.0, -0.2), yaw_rad=0.0)
+    assert math.hypot(sideways.x, sideways.y) == pytest.approx(0.3)
+    assert sideways.z == -0.2
+    assert GUARD.slow_when_blind(Vec3(0.0, 1.0, 0.0), yaw_rad=math.pi / 2 - 0.2).y == 1.0
+
+
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(st.lists(st.tuples(SPEED, SPEED, SPEED), min_size=5, max_size=20))
+def test_no_setpoint_leads_out_of_the_fence(wanted: list[tuple[float, float, float]]) -> None:
+    place, flown = Vec3(0.0, 0.0, -2.0), ZERO
+    for velocity in wanted:
+        for _ in range(50):  # five seconds each, a vehicle that follows with a lag of 0.3 s
+            safe = GUARD.confine(Vec3(*velocity), Motion(place, flown, 0.0), CLEAR, [])
+            assert math.hypot(safe.x, safe.y) <= 2.0 + 1e-6
+            assert abs(safe.z) <= 1.0 + 1e-6
+            flown = Vec3(*(v + (s - v) * 0.1 / 0.3 for v, s in zip(flown, safe, strict=True)))
+            place = Vec3(*(p + 0.1 * v for p, v in zip(place, flown, strict=True)))
+            assert math.hypot(place.x, place.y) <= LIMITS.radius_m + 0.1
+            assert LIMITS.floor_m - 0.1 <= -place.z <= LIMITS.ceiling_m + 0.1

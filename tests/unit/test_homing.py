@@ -1,0 +1,49 @@
+import itertools
+import math
+
+import pytest
+
+from swarm_ctl.agent.homing import Route, Trail
+from swarm_ctl.model import Vec3
+
+
+def fly(trail: Trail, *corners: tuple[float, float]) -> None:
+    for (n0, e0), (n1, e1) in itertools.pairwise(corners):
+        steps = max(1, int(math.dist((n0, e0), (n1, e1)) / 0.1))
+        for k in range(steps + 1):
+            share = k / steps
+            trail.mark(Vec3(n0 + (n1 - n0) * share, e0 + (e1 - e0) * share, -1.5))
+
+
+def test_the_way_home_leads_around_the_wall_the_vehicle_flew_around() -> None:
+    trail = Trail()
+    fly(trail, (0, 0), (5, 0), (5, 4), (0, 4))  # a U around a wall; straight home is blocked
+    way = trail.way_home()
+    assert max(place.x for place in way) == pytest.approx(5.0, abs=0.5)
+    assert math.dist(way[-1], (0, 0, -1.5)) < 0.5
+
+
+def test_a_loop_is_cut_where_the_vehicle_crossed_its_own_trail() -> None:
+    trail = Trail()
+    fly(trail, (0, 0), (10, 0), (10, 10), (4, 10), (4, 0), (4, -3))
+    length = sum(itertools.starmap(math.dist, itertools.pairwise(trail.way_home())))
+    assert length < 9.0  # home is 4 + 3 m away along the crossing, 37 m the way it came
+
+
+def test_a_vehicle_that_never_moved_is_home() -> None:
+    trail = Trail()
+    assert trail.way_home() == []
+    trail.mark(Vec3(0, 0, 0))
+    assert trail.way_home() == []
+
+
+def test_a_route_is_flown_place_by_place_and_ends() -> None:
+    route, place = Route([Vec3(1, 0, -1), Vec3(1, 2, -1)]), Vec3(0, 0, -1)
+    for _ in range(100):
+        velocity = route.velocity(place, 1.0)
+        assert math.hypot(*velocity) <= 1.0 + 1e-9
+        place = Vec3(*(p + 0.1 * v for p, v in zip(place, velocity, strict=True)))
+        if route.is_done():
+            break
+    assert route.is_done()
+    assert math.dist(place, (1, 2, -1)) < 0.4
