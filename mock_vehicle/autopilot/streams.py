@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+from mock_vehicle.sensors.rangefinder import CONE_DEG
 from swarm_ctl import wire
 
 if TYPE_CHECKING:
@@ -40,6 +41,9 @@ ORIENTATIONS = (0, 12, 6, 2, 24, 25)
 """MAV_SENSOR_ROTATION of front, back, left, right, up, down."""
 ORIENTATION_CUSTOM = 100
 SENSOR_LASER, SENSOR_UNKNOWN = 0, 4
+LEVEL_SENSORS = 4
+CONE_RAD = math.radians(CONE_DEG)
+"""DISTANCE_SENSOR.horizontal_fov of the level sensors."""
 FRAME_BODY_FRD = 12
 FARTHEST_CM = 0xFFFF
 NO_ROTATION = (0.0, 0.0, 0.0, 0.0)
@@ -183,6 +187,7 @@ def distance_sensors(autopilot: Autopilot, now: float) -> None:
             number,
             ORIENTATIONS[number],
             0xFF,
+            CONE_RAD if number < LEVEL_SENSORS else 0.0,
         )
 
 

@@ -16,17 +16,26 @@ FLOATS = NDArray[np.float64]
 RANGE_MIN_M = 0.1
 BODY_RADIUS_M = 0.3
 """How large one vehicle looks to the rangefinders of another."""
-CONE_RAYS_DEG = (-25.0, -12.5, 0.0, 12.5, 25.0)
-HORIZONTAL_DEG = (0.0, 180.0, -90.0, 90.0)
-"""Front, back, left, right: clockwise from the nose."""
+CONE_DEG = 90.0
+"""Width of each of the four level cones: together they see all around."""
+RING = 72
+"""Level rays of a vehicle, evenly spaced: 5 degrees, as in MAVLink's OBSTACLE_DISTANCE."""
 
-_AZIMUTHS_RAD = np.radians([[side + ray for ray in CONE_RAYS_DEG] for side in HORIZONTAL_DEG])
-_RAYS = _AZIMUTHS_RAD.size + 2
+_SPACING_DEG = 360.0 / RING
+_AZIMUTHS_RAD = np.radians(np.arange(RING) * _SPACING_DEG)
+_SIDES_DEG = (0.0, 180.0, -90.0, 90.0)  # front, back, left, right, clockwise from the nose
+_HALF = round(CONE_DEG / 2.0 / _SPACING_DEG)
+_CONES = np.array(
+    [np.arange(-_HALF, _HALF + 1) + round(side / _SPACING_DEG) for side in _SIDES_DEG]
+)
+_CONES %= RING
+"""Rays of each cone, (4, 19) indices into the ring; the outermost are its neighbour's too."""
+_RAYS = RING + 2
 
 
 def directions(yaw_rad: FLOATS) -> FLOATS:
-    """Point all beams, (n, 22, 3) in NED: four cones of five, then up, then down."""
-    azimuth = yaw_rad[:, None] + _AZIMUTHS_RAD.ravel()
+    """Point all beams, (n, 74, 3) in NED: the ring clockwise from the nose, then up, then down."""
+    azimuth = yaw_rad[:, None] + _AZIMUTHS_RAD
     beams = np.zeros((len(yaw_rad), _RAYS, 3))
     np.cos(azimuth, out=beams[:, :-2, 0])
     np.sin(azimuth, out=beams[:, :-2, 1])
@@ -36,9 +45,9 @@ def directions(yaw_rad: FLOATS) -> FLOATS:
 
 
 def fold(ranges_m: FLOATS) -> FLOATS:
-    """Take the nearest return of each cone: (n, 22) to (n, 6)."""
+    """Take the nearest return of each cone: (n, 74) to (n, 6)."""
     folded = np.empty((len(ranges_m), 6))
-    ranges_m[:, :-2].reshape(-1, 4, len(CONE_RAYS_DEG)).min(axis=2, out=folded[:, :4])
+    ranges_m[:, _CONES].min(axis=2, out=folded[:, :4])
     folded[:, 4:] = ranges_m[:, -2:]
     return folded
 

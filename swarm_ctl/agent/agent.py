@@ -327,8 +327,7 @@ class Agent:
             for value, heard_s in zip(telemetry.ranges_m, telemetry.ranges_s, strict=True)
         ]
         peers = self.peers.near(place, self.now)
-        seen = self._guard.slow_when_blind(velocity, telemetry.yaw_rad)
-        safe = self._guard.confine(seen, motion, ranges, peers)
+        safe = self._guard.confine(velocity, motion, ranges, peers)
         return Setpoint(safe, self.yaw_rad)
 
     def _beacon(self) -> beacons.Beacon:

@@ -9,17 +9,12 @@ from typing import NamedTuple
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peers import Neighbour
 from swarm_ctl.explore.safety import Constraint, limit_velocity, peer_limit, wall_limit
-from swarm_ctl.frames import wrap_rad
 from swarm_ctl.model import Vec3
 
 BEAM_BEARINGS_RAD = (0.0, math.pi, -math.pi / 2.0, math.pi / 2.0)
 """Front, back, left and right rangefinder, clockwise from the vehicle's heading."""
 VERTICAL_BRAKING_M_S2 = 0.5
 """Half of what ArduPilot brakes with vertically (WPNAV_ACCEL_Z 1 m/s2)."""
-SEEN_RAD = math.radians(30.0)
-"""A rangefinder's cone and a little more: the vehicle sees where it flies within this angle."""
-BLIND_M_S = 0.3
-"""Fastest flight towards where no rangefinder looks."""
 
 
 class Motion(NamedTuple):
@@ -39,17 +34,6 @@ class Guard:
         self._climb = flight.climb_m_s
         self._braking = flight.acceleration_m_s2 / 2.0
         self._response_s = flight.response_s
-
-    def slow_when_blind(self, velocity: Vec3, yaw_rad: float) -> Vec3:
-        """Turn first, then fly: keep the level speed low until the front sensor looks ahead."""
-        level = math.hypot(velocity.x, velocity.y)
-        if level <= BLIND_M_S:
-            return velocity
-        off = abs(wrap_rad(math.atan2(velocity.y, velocity.x) - yaw_rad))
-        if off <= SEEN_RAD:
-            return velocity
-        scale = BLIND_M_S / level
-        return Vec3(velocity.x * scale, velocity.y * scale, velocity.z)
 
     def confine(
         self,

@@ -56,13 +56,6 @@ def test_a_peer_that_comes_closer_stops_a_vehicle_sooner() -> None:
     assert coming.x < still.x - 0.1
 
 
-def test_a_vehicle_turns_before_it_flies_fast() -> None:
-    sideways = GUARD.slow_when_blind(Vec3(0.0, 1.0, -0.2), yaw_rad=0.0)
-    assert math.hypot(sideways.x, sideways.y) == pytest.approx(0.3)
-    assert sideways.z == -0.2
-    assert GUARD.slow_when_blind(Vec3(0.0, 1.0, 0.0), yaw_rad=math.pi / 2 - 0.2).y == 1.0
-
-
 @settings(derandomize=True, max_examples=60, deadline=None)
 @given(st.lists(st.tuples(SPEED, SPEED, SPEED), min_size=5, max_size=20))
 def test_no_setpoint_leads_out_of_the_fence(wanted: list[tuple[float, float, float]]) -> None:

@@ -63,10 +63,17 @@ def test_ranges_turn_with_the_nose(room: World) -> None:
 
 
 def test_a_cone_sees_beside_its_axis(room: World) -> None:
-    # Facing east past the end of the inner wall (6 m north): the ray 25 deg to the right hits it.
-    ranges = look(room, (6.5, 8.0, -1.0), yaw=EAST)[0]
-    assert ranges[FRONT] == pytest.approx(1.95 / math.cos(math.radians(25)), abs=1e-6)
-    assert look(room, (7.5, 8.0, -1.0), yaw=EAST)[0][FRONT] > 5.0
+    # Facing east past the end of the inner wall (6 m north): the ray 40 deg to the right hits it.
+    ranges = look(room, (7.5, 8.0, -1.0), yaw=EAST)[0]
+    assert ranges[FRONT] == pytest.approx(1.95 / math.cos(math.radians(40)), abs=1e-6)
+    assert look(room, (8.2, 8.0, -1.0), yaw=EAST)[0][FRONT] > 5.0
+
+
+def test_what_stands_between_two_cones_is_seen_by_both(room: World) -> None:
+    # 45 deg between front (north) and left (west): the corner 6 m north and 6 m west of (4, 6).
+    ranges = look(room, (4.0, 6.0, -1.0), yaw=math.radians(15))[0]
+    assert ranges[FRONT] < math.inf
+    assert ranges[LEFT] < math.inf
 
 
 def test_nothing_in_range_is_inf_and_contact_is_the_least_range(room: World) -> None:
