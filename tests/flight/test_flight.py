@@ -39,10 +39,10 @@ def test_a_swarm_of_both_autopilots_flies_together(launch: Launch) -> None:
 
 
 def test_three_dimensions_use_the_height(launch: Launch) -> None:
-    flight = launch(planner={"dimensions": 3}, flight={"climb_m_s": 1.0})
+    flight = launch(planner={"dimensions": 3}, flight={"climb_m_s": 1.0}, duration_s=100.0)
     flight.fly_until(lambda: flight.all_in(*EXPLORES))
     heights = []
-    for _ in range(30):
+    for _ in range(60):
         flight.fly(1)
         heights.append(flight.agent(1).telemetry.height_m)
     assert max(heights) - min(heights) > 0.8
