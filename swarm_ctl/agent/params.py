@@ -22,7 +22,7 @@ class FlightParams(BaseModel):
     """Fastest climb and descent, in m/s."""
     acceleration_m_s2: float = Field(default=2.0, gt=0.0, le=10.0)
     """What the vehicle can brake with, in m/s²; larger lets it come closer before it slows down."""
-    response_s: float = Field(default=0.4, ge=0.0, le=3.0)
+    response_s: float = Field(default=0.6, ge=0.0, le=3.0)
     """Delay between a demanded velocity and half of its effect, in seconds; larger brakes earlier.
 
     PX4 and ArduPilot take 0.6 to 0.8 s to half of a step of 2 m/s."""
