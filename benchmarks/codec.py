@@ -6,10 +6,10 @@ import argparse
 import json
 import platform
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from statistics import median
+from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -39,7 +39,7 @@ class Row:
     """Median CPU microseconds per message."""
 
     name: str
-    frame_bytes: int
+    frame_bytes: float
     pack_us: float
     pymavlink_pack_us: float
     parse_us: float
@@ -115,14 +115,20 @@ def machine() -> dict[str, str]:
     }
 
 
+def mean(rows: list[Row]) -> Row:
+    """Average over the messages."""
+    figures = [astuple(row)[1:] for row in rows]
+    return Row("mean", *(round(fmean(column), 3) for column in zip(*figures, strict=True)))
+
+
 def table(rows: list[Row]) -> str:
     """Lay the rows out for reading."""
     head = f"{'us of CPU per message':31}{'bytes':>5}"
     lines = [head + "".join(f"{title:>8}{'pymav':>8}{'ratio':>7}" for title in ("pack", "parse"))]
-    for row in rows:
+    for row in [*rows, mean(rows)]:
         pairs = ((row.pack_us, row.pymavlink_pack_us), (row.parse_us, row.pymavlink_parse_us))
         cells = "".join(f"{ours:8.2f}{theirs:8.2f}{theirs / ours:7.1f}" for ours, theirs in pairs)
-        lines.append(f"{row.name:31}{row.frame_bytes:5}{cells}")
+        lines.append(f"{row.name:31}{row.frame_bytes:5.0f}{cells}")
     return "\n".join(lines)
 
 

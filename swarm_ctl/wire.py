@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from collections import namedtuple
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,19 +16,18 @@ from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 _V1, _V2 = 0xFE, 0xFD
+_CRC_SEEDS = {_V1: 0x3086, _V2: 0x3085}  # after the magic, which it leaves out, it is 0xFFFF again
+_HEADS = {_V1: "<BBBBBB", _V2: "<BBxxBBB3s"}  # magic, length, seq, sysid, compid, id
 _SIGNED = 0x01
 _SIGNATURE_LENGTH = 13
 _GARBAGE, _UNREADABLE = -1, -2  # in place of an id: no frame here; a frame with unknown flags
 _MAGICS = b"\xfd\xfe"
 _MAGIC = re.compile(b"[" + _MAGICS + b"]")
-_Decode = Callable[[bytes, int, int], Any]
-_UNKNOWN: tuple[bytes, None] = (b"", None)
-_HEAD_V1 = Struct("<xBBHB").unpack_from  # length, seq, source, id
-_HEAD_V2 = Struct("<BBBxBHI").unpack_from  # magic, length, flags, seq, source, id and one byte more
+_LENGTH_AND_ID = Struct("<xB5x3s").unpack_from  # of MAVLink 2
 _CRC_EXTRAS = {number: bytes([table.crc_extra]) for number, table in dialect.mavlink_map.items()}
 _IDS = {table.msgname: number for number, table in dialect.mavlink_map.items()}
-_new = tuple.__new__
 _PACK_ERRORS = (StructError, TypeError, ValueError, OverflowError)
+_Read = Callable[[bytes, "Parser"], Any]
 
 
 class _Field(NamedTuple):
@@ -117,19 +117,35 @@ _PACK_SOURCE = """
 def pack(seq, sysid, compid, {parameters}):
     try:
         {preparations}
-        payload = {payload}
-        body = {header} + payload
+        frame = layout({magic}, {size}, seq, sysid, compid, {number}, {arguments})
     except errors as error:
         raise blame((seq, sysid, compid, {values})) from error
-    return {magic} + body + trailer(crc(extra, crc(body)))
+    if {trims} and not frame[-1]:
+        end = len(frame.rstrip(b"\\0"))
+        frame = starts[end] + frame[2 : end if end > 10 else 11]
+    return frame + trailer(crc(frame + extra, {seed}))
 """
+_STARTS = [bytes([_V2, max(end - 10, 1)]) for end in range(10 + 256)]  # trimmed to this end
 
-_DECODE_SOURCE = """
-def decode(data, at, length):
-    if length < {size}:
-        data, at = data[at : at + length].ljust({size}, b"\\0"), 0
-    {read}
-    return new(values, {fields})
+_READ_SOURCE = """
+def read(raw, parser):
+    {unpacking}
+    if magic != 0xFD or flags or crc(raw[1:-2] + extra) != expected:
+        return None
+    source = sysid | compid << 8
+    if parser._next_seq.get(source) == seq:
+        parser._next_seq[source] = seq + 1 & 0xFF
+    else:
+        parser._follow(source, seq)
+    return {result}
+"""
+_WHOLE_FRAME = """
+    whole = raw if len(raw) == {size} else raw[:-2].ljust({size} - 2, b"\\0") + raw[-2:]
+    magic, flags, seq, sysid, compid, {slots} expected = unpack(whole)
+"""
+_RIMS = """
+    magic, flags, seq, sysid, compid = unpack(raw)
+    expected = raw[-2] | raw[-1] << 8
 """
 
 
@@ -152,6 +168,10 @@ class Message:
         # pymavlink gives defaults to extensions, and to the one constant of the dialect.
         has_default = len(table.__init__.__defaults__ or ()) - ("mavlink_version" in self.fields)
         self._base_count = len(self.fields) - has_default
+        self._format = "".join(field.format for field in self._wire_order)
+        self._size = struct.calcsize("<" + self._format)
+        self._wire_indices = [table.ordered_fieldnames.index(name) for name in self.fields]
+        self._declared = [self._wire_order[index] for index in self._wire_indices]
 
     def __repr__(self) -> str:
         return f"message({self.name!r})"
@@ -168,80 +188,73 @@ class Message:
         Numbers are as on the wire; extensions at the end may be left out. Text that is too long
         is cut. ValueError names the field of any other value that does not fit.
         """
-        number = self.id.to_bytes(3, "little")
-        return self._packer(
-            fields=self._wire_order,
-            payload='payload_struct({arguments}).rstrip(b"\\0") or b"\\0"',
-            header=f"header(len(payload), 0, seq, sysid, compid, {number!r})",
-            header_format="<BHBBB3s",
-            magic=_V2,
-        )
+        return self._packer(_V2, self.id.to_bytes(3, "little"), self._wire_order)
 
     @cached_property
     def pack_v1(self) -> Callable[..., bytes]:
         """Make a MAVLink 1 frame, as `pack` does; extensions stay out of it."""
         if self.id > 0xFF:
             raise ValueError(f"{self.name} has id {self.id}, and MAVLink 1 ends at 255")
-        return self._packer(
-            fields=self._wire_order[: self._base_count],
-            payload="payload_struct({arguments})",
-            header=f"header(len(payload), seq, sysid, compid, {self.id})",
-            header_format="<BBBBB",
-            magic=_V1,
-        )
+        return self._packer(_V1, self.id, self._wire_order[: self._base_count])
 
     @cached_property
-    def decode(self) -> _Decode:
-        """Read `values` from data, the offset of the payload in it and the payload's length."""
+    def read(self) -> _Read:
+        """Make a `Frame` of a whole plain MAVLink 2 frame, and note its seq with a parser.
+
+        A wrong CRC, or flags, give None, and a payload longer than ours raises struct's error.
+        """
         slots = "".join(f"{s}, " for i, f in enumerate(self._wire_order) for s in f.slots(i))
-        fields = "".join(f"{self._wire_order[i].unpacking(i)}, " for i in self._wire_indices)
-        read, made = (f"{slots} = unpack(data, at)", f"({fields})")
-        if slots == fields:
-            read, made = "", "unpack(data, at)"
-        source = _DECODE_SOURCE.format(size=self._struct.size, read=read, fields=made)
-        names = {"unpack": self._struct.unpack_from, "new": _new}
-        return self._generate("decode", source, names)
+        fields = ", ".join(self._wire_order[i].unpacking(i) for i in self._wire_indices)
+        source = _READ_SOURCE.format(
+            unpacking=_WHOLE_FRAME.format(size=self._size + 12, slots=slots),
+            result=f"new(Frame, (sysid, compid, seq, {self.id}, new(values, ({fields},)), raw))",
+        )
+        layout = Struct(f"<BxBxBBB3x{self._format}H")
+        return self._generate("read", source, {"unpack": layout.unpack})
+
+    @cached_property
+    def skim(self) -> _Read:
+        """Check a frame and note its seq as `read` does, but give True for it."""
+        source = _READ_SOURCE.format(unpacking=_RIMS, result="True")
+        return self._generate("read", source, {"unpack": Struct("<BxBxBBB").unpack_from})
+
+    def plain(self, payload: bytes, seq: int = 0, source: int = 0) -> bytes:
+        """Make the frame that `read` reads: MAVLink 2, unsigned, of full length."""
+        head = struct.pack("<BxxBH", self._size, seq, source) + self.id.to_bytes(3, "little")
+        body = head + payload[: self._size].ljust(self._size, b"\0")
+        return b"\xfd" + body + struct.pack("<H", mcrf4xx(body + _CRC_EXTRAS[self.id]))
 
     def unpack(self, payload: bytes) -> Any:
         """Read `values` from a payload: what is missing is zero, what is too much is ignored."""
-        return self.decode(payload, 0, len(payload))
-
-    @cached_property
-    def _struct(self) -> Struct:
-        return Struct("<" + "".join(field.format for field in self._wire_order))
-
-    @cached_property
-    def _wire_indices(self) -> list[int]:
-        """Where on the wire each field of the declaration stands."""
-        names = [field.name for field in self._wire_order]
-        return [names.index(name) for name in self.fields]
+        return self.read(self.plain(payload), Parser(())).values
 
     def _packer(
-        self, *, fields: list[_Field], payload: str, header: str, header_format: str, magic: int
+        self, magic: int, number: int | bytes, fields: list[_Field]
     ) -> Callable[..., bytes]:
         """Generate a pack function; the variable of the field declared i-th is v<i>."""
-        declared = [self._wire_order[index] for index in self._wire_indices]
-        names = {field.name: f"v{i}" for i, field in enumerate(declared)}
+        names = {field.name: f"v{i}" for i, field in enumerate(self._declared)}
         parameters = [
             names[field.name] + (f"={field.default}" if i >= self._base_count else "")
-            for i, field in enumerate(declared)
+            for i, field in enumerate(self._declared)
         ]
         prepared = (field.preparing(names[field.name], i) for i, field in enumerate(fields))
         arguments = ", ".join(
             ", ".join(field.slots(i)) if field.is_array else names[field.name]
             for i, field in enumerate(fields)
         )
+        layout = Struct(_HEADS[magic] + "".join(field.format for field in fields))
         source = _PACK_SOURCE.format(
             parameters=", ".join(parameters),
             preparations="\n        ".join(filter(None, prepared)),
-            payload=payload.format(arguments=arguments),
-            header=header,
+            arguments=arguments,
             values=", ".join(names.values()),
-            magic=bytes([magic]),
+            number=repr(number),
+            magic=magic,
+            seed=_CRC_SEEDS[magic],
+            size=layout.size - struct.calcsize(_HEADS[magic]),
+            trims=magic == _V2,
         )
-        layout = Struct("<" + "".join(field.format for field in fields))
-        structs = {"payload_struct": layout.pack, "header": Struct(header_format).pack}
-        return self._generate("pack", source, structs | {"trailer": Struct("<H").pack})
+        return self._generate("pack", source, {"layout": layout.pack})
 
     def _generate(self, name: str, source: str, names: dict[str, Any]) -> Callable[..., Any]:
         """Run generated source and give the function it defines."""
@@ -253,14 +266,17 @@ class Message:
             "padded": _padded,
             "crc": mcrf4xx,
             "extra": _CRC_EXTRAS[self.id],
+            "trailer": Struct("<H").pack,
+            "starts": _STARTS,
+            "new": tuple.__new__,
+            "Frame": Frame,
         } | names
         exec(source, scope)  # noqa: S102 - the source is made of pymavlink's tables alone
         return cast("Callable[..., Any]", scope[name])
 
     def _blame(self, values: Sequence[Any]) -> ValueError:
         """Find the field that does not fit."""
-        declared = [self._wire_order[index] for index in self._wire_indices]
-        for field, value in zip([*_HEADER_FIELDS, *declared], values, strict=True):
+        for field, value in zip([*_HEADER_FIELDS, *self._declared], values, strict=True):
             try:
                 field.check(value)
             except _PACK_ERRORS as error:
@@ -311,23 +327,6 @@ class Stats:
     """Sequence numbers that never came, over all sources; late and repeated frames do not count."""
 
 
-@cache
-def _readers(subscribed: frozenset[int]) -> dict[int, tuple[bytes, _Decode | None]]:
-    """Give the CRC extra byte of each id, and how to decode it if it is subscribed."""
-    readers: dict[int, tuple[bytes, _Decode | None]] = {}
-
-    def decode_first(number: int, extra: bytes) -> _Decode:
-        def decode(data: bytes, at: int, length: int) -> Any:
-            readers[number] = extra, message(number).decode
-            return message(number).decode(data, at, length)
-
-        return decode
-
-    for number, extra in _CRC_EXTRAS.items():
-        readers[number] = extra, decode_first(number, extra) if number in subscribed else None
-    return readers
-
-
 class Parser:
     """Cut a stream of bytes into frames and decode those of the subscribed messages."""
 
@@ -336,53 +335,75 @@ class Parser:
         self.stats = Stats()
         self._rest = b""
         self._next_seq: dict[int, int] = {}
+        self._lost: dict[int, int] = {}
         keys = _CRC_EXTRAS if subscribed is None else subscribed
         ids = (key.id if isinstance(key, Message) else message(key).id for key in keys)
-        self._readers = _readers(frozenset(ids))
+        self._subscribed = frozenset(ids)
+        self._readers: dict[bytes, _Read] = {}
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take the next bytes, in any chunks, and give the subscribed frames they complete.
 
-        One long loop, because every call in it would cost each frame a tenth of its time.
+        One long loop, because every call in it would cost each frame a tenth of its time; for
+        the same reason a datagram of one plain frame goes round it.
         """
         if self._rest or data.__class__ is not bytes:
             return self._resume(data)
+        readers, at, end = self._readers, 0, len(data)
+        if end > 11 and data[1] + 12 == end:
+            try:
+                frame = readers[data[7:10]](data, self)
+            except (StructError, KeyError):
+                frame = None
+            if frame is not None:
+                self.stats.frames += 1
+                return [] if frame is True else [frame]
         frames: list[Frame] = []
-        readers, next_seq = self._readers, self._next_seq
-        at, end, good = 0, len(data), 0
+        good = 0
         while at < end:
             try:
-                magic, length, flags, seq, source, number = _HEAD_V2(data, at)
-            except StructError:  # the last few bytes
-                magic = flags = 0
-            if magic == _V2 and not flags:
-                start, stop, number = at + 10, at + 12 + length, number & 0xFFFFFF
+                length, number = _LENGTH_AND_ID(data, at)
+                stop = at + 12 + length
+                frame = readers[number](data[at:stop], self) if stop <= end else None
+            except (StructError, KeyError):
+                frame = None
+            if frame is None:
+                stop = self._read_odd(data, at, frames)
+                if stop == at:
+                    self._rest = data[at:]
+                    break
             else:
-                start, stop, number, length, flags, seq, source = _rare_header(data, at)
-            if stop > end:
-                break
-            extra, decode = readers.get(number, _UNKNOWN)
-            tail = start + length
-            if (
-                not extra
-                or mcrf4xx(data[at + 1 : tail] + extra) != data[tail] | data[tail + 1] << 8
-            ):
-                at = self._refuse(data, at, stop, number, flags, source, seq)
-                continue
-            if next_seq.get(source) == seq:
-                next_seq[source] = seq + 1 & 0xFF
-            else:
-                self._follow(source, seq)
-            good += 1
-            if decode is not None:
-                values = decode(data, start, length)
-                fields = (source & 0xFF, source >> 8, seq, number, values, data[at:stop])
-                frames.append(_new(Frame, fields))
+                good += 1
+                if frame is not True:
+                    frames.append(frame)
             at = stop
-        if at < end:
-            self._rest = data[at:]
         self.stats.frames += good
         return frames
+
+    def lost_of(self, sysid: int) -> int:
+        """Count the lost frames of one system, over all its components."""
+        return self._lost.get(sysid, 0)
+
+    def _read_odd(self, data: bytes, at: int, frames: list[Frame]) -> int:
+        """Take what is no plain MAVLink 2 frame, or the first of its id.
+
+        Gives where to go on; that is `at` while bytes are missing.
+        """
+        start, stop, number, length, flags, seq, source = _header(data, at)
+        if stop > len(data):
+            return at
+        tail = start + length
+        extra = _CRC_EXTRAS.get(number)
+        if not extra or mcrf4xx(data[at + 1 : tail] + extra) != data[tail] | data[tail + 1] << 8:
+            return self._refuse(data, at, stop, number, flags, source, seq)
+        known = _message(number)
+        read = known.read if number in self._subscribed else known.skim
+        self._readers[number.to_bytes(3, "little")] = read
+        frame = read(known.plain(data[start:tail], seq, source), self)
+        if frame is not True:
+            frames.append(frame._replace(raw=data[at:stop]))
+        self.stats.frames += 1
+        return stop
 
     def _resume(self, data: bytes) -> list[Frame]:
         """Go on with the incomplete frame of the last time."""
@@ -424,17 +445,24 @@ class Parser:
         lost = seq - self._next_seq.get(source, seq) & 0xFF
         if lost < 0x80:
             self.stats.lost += lost
+            self._lost[source & 0xFF] = self._lost.get(source & 0xFF, 0) + lost
             self._next_seq[source] = seq + 1 & 0xFF
 
 
 def split(data: bytes) -> Iterator[bytes]:
     """Walk over the whole frames of a datagram by magic and length, without checking them."""
-    at = _seek(data, 0)
-    while at < len(data):
-        stop = _rare_header(data, at)[1]
-        if stop <= len(data):
+    at, end = 0, len(data)
+    while at + 2 < end:
+        if data[at] == _V2 and not data[at + 2]:
+            stop = at + 12 + data[at + 1]
+        else:
+            at = _seek(data, at)
+            stop = _header(data, at)[1]
+        if stop <= end:
             yield data[at:stop]
-        at = _seek(data, stop if stop <= len(data) else at + 1)
+            at = stop
+        else:
+            at = _seek(data, at + 1)
 
 
 def _seek(data: bytes, at: int) -> int:
@@ -443,16 +471,16 @@ def _seek(data: bytes, at: int) -> int:
     return found.start() if found else len(data)
 
 
-def _rare_header(data: bytes, at: int) -> tuple[int, int, int, int, int, int, int]:
+def _header(data: bytes, at: int) -> tuple[int, int, int, int, int, int, int]:
     """Read whatever is at `at`: payload start, frame end, id, payload length, flags, seq, source.
 
     Bytes that have not come yet read as zero; the end of the frame then lies beyond the data.
     """
     head = data[at : at + 12].ljust(12, b"\0")
     if head[0] == _V1:
-        length, seq, source, number = _HEAD_V1(head)
+        length, seq, source, number = struct.unpack_from("<xBBHB", head)
         return at + 6, at + 8 + length, number, length, 0, seq, source
-    magic, length, flags, seq, source, number = _HEAD_V2(head)
+    magic, length, flags, seq, source, number = struct.unpack_from("<BBBxBHI", head)
     if magic != _V2:
         return at, at + 1, _GARBAGE, 0, 0, 0, 0
     stop = at + 12 + length + (_SIGNATURE_LENGTH if flags & _SIGNED else 0)

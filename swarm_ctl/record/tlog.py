@@ -25,9 +25,7 @@ class TlogWriter:
     def write(self, data: bytes, time_s: float) -> None:
         """Log every whole frame of a datagram at a mission time; torn bytes are left out."""
         stamp = struct.pack(">Q", self._epoch_us + round(time_s * 1e6))
-        for frame in wire.split(data):
-            self._file.write(stamp)
-            self._file.write(frame)
+        self._file.write(stamp.join((b"", *wire.split(data))))
         if time_s - self._flushed_s >= FLUSH_S:
             self._flushed_s = time_s
             self._file.flush()

@@ -348,6 +348,26 @@ def test_lost_frames_are_counted_by_sequence(seqs: list[int], lost: int) -> None
     assert parser.stats.lost == lost
 
 
+def test_losses_are_known_per_system() -> None:
+    parser = wire.Parser([])
+    for frame in (beat(0), HEARTBEAT.pack(0, 1, 191, *BEAT), beat(0, sysid=9)):
+        parser.feed(frame)
+    parser.feed(beat(3) + HEARTBEAT.pack(2, 1, 191, *BEAT) + beat(11, sysid=9))
+    assert [parser.lost_of(sysid) for sysid in (1, 9, 2)] == [3, 10, 0]
+    assert parser.stats.lost == 13
+
+
+def test_payloads_longer_than_ours_lose_what_we_do_not_know() -> None:
+    body = beat(5)[2:10] + struct.pack("<IBBBBB", 7, 2, 12, 209, 4, 3) + b"\x09\x09"
+    body = bytes([11]) + body
+    longer = b"\xfd" + body + struct.pack("<H", mcrf4xx(body + b"\x32"))
+    parser = wire.Parser(["HEARTBEAT"])
+    (parsed,) = parser.feed(longer)
+    assert parsed == (1, 1, 5, 0, (2, 12, 209, 7, 4, 3), longer)
+    assert [frame.seq for frame in parser.feed(longer + beat(6))] == [5, 6]
+    assert parser.stats == wire.Stats(frames=3)
+
+
 def test_unknown_frames_are_no_loss() -> None:
     parser = wire.Parser([])
     unknown = bytearray(foreign())
@@ -434,6 +454,5 @@ def test_it_is_far_faster_than_pymavlink() -> None:
         parses.append(
             sum(row.pymavlink_parse_us for row in rows) / sum(row.parse_us for row in rows)
         )
-    # Both ratios are 5 to 5.5 on a quiet machine; the rest is room for a noisy one.
-    assert median(packs) > 4.5
-    assert median(parses) > 4.5
+    assert median(packs) >= 5.0
+    assert median(parses) >= 5.0
