@@ -20,7 +20,7 @@ from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import Fault, parse_fault
 from mock_vehicle.fleet import Fleet
 from mock_vehicle.server import Port, PortError, Server
-from mock_vehicle.world import load_world
+from mock_vehicle.world import WorldSpec, load_world
 
 SYSID_MAX = 255
 PORT_MAX = 65535
@@ -43,6 +43,12 @@ class Autopilot(StrEnum):
         if self is Autopilot.MIXED:
             return [("px4", "ardupilot")[index % 2] for index in range(vehicles)]
         return [self.value] * vehicles
+
+
+def _print_schema(wanted: bool) -> None:
+    if wanted:
+        typer.echo(json.dumps(WorldSpec.model_json_schema(), indent=2))
+        raise typer.Exit
 
 
 def run(
@@ -81,6 +87,15 @@ def run(
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Report JSON lines; stop when stdin closes.")
+    ] = False,
+    schema: Annotated[  # noqa: ARG001 - its callback has done all there is to do
+        bool,
+        typer.Option(
+            "--schema",
+            help="Print the JSON Schema of world files and exit.",
+            callback=_print_schema,
+            is_eager=True,
+        ),
     ] = False,
 ) -> None:
     """Fly a fleet of mock MAVLink vehicles until stopped."""

@@ -15,6 +15,7 @@ GRAVITY_M_S2 = 9.80665
 UNLIMITED = 1e6
 """Stands for "no limit" where infinity would turn into NaN."""
 TINY = 1e-9
+TURN = 2.0 * np.pi
 
 
 class Control(IntEnum):
@@ -97,8 +98,6 @@ class Dynamics:
         self.position_ned_m: Floats = np.array(position_ned_m, dtype=np.float64).reshape(n, 3)
         self.velocity_ned_m_s: Floats = np.zeros((n, 3))
         self.acceleration_ned_m_s2: Floats = np.zeros((n, 3))
-        self.roll_rad: Floats = np.zeros(n)
-        self.pitch_rad: Floats = np.zeros(n)
         self.yaw_rad: Floats = np.array(yaw_rad, dtype=np.float64).reshape(n)
         self.yaw_rate_rad_s: Floats = np.zeros(n)
         self.on_ground: NDArray[np.bool_] = self.position_ned_m[:, 2] >= 0.0
@@ -111,6 +110,23 @@ class Dynamics:
         self._integral: Floats = np.zeros((n, 3))
         self._take_coefficients(limits)
         self._delay = _Delay(n, self._delay_s)
+        self._dt = 0.0
+
+    @property
+    def pitch_rad(self) -> Floats:
+        """Pitch (n,): the thrust points where the acceleration comes from."""
+        north, east = self._thrust[:, 0], self._thrust[:, 1]
+        forward = np.cos(self.yaw_rad) * north + np.sin(self.yaw_rad) * east
+        pitch: Floats = np.arctan2(-forward, GRAVITY_M_S2)
+        return pitch
+
+    @property
+    def roll_rad(self) -> Floats:
+        """Roll (n,), as the pitch."""
+        north, east = self._thrust[:, 0], self._thrust[:, 1]
+        rightward = np.cos(self.yaw_rad) * east - np.sin(self.yaw_rad) * north
+        roll: Floats = np.arctan2(rightward, GRAVITY_M_S2)
+        return roll
 
     def _take_coefficients(self, limits: Sequence[Limits]) -> None:
         def axes(read: Callable[[Loop], float]) -> Floats:
@@ -119,45 +135,80 @@ class Dynamics:
             ]
             return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
-        self._gain = axes(lambda loop: loop.velocity_gain_1_s)
-        self._accel = axes(lambda loop: loop.accel_m_s2)
+        self._answer = _SqrtController(
+            gain=axes(lambda loop: loop.velocity_gain_1_s),
+            second_order=axes(lambda loop: loop.jerk_m_s3),
+            limit=axes(lambda loop: loop.accel_m_s2),
+        )
+        self._approach = _SqrtController(
+            gain=axes(lambda loop: loop.position_gain_1_s),
+            second_order=axes(lambda loop: loop.position_accel_m_s2),
+            limit=axes(lambda loop: loop.speed_m_s),
+        )
         self._jerk = axes(lambda loop: loop.jerk_m_s3)
         self._delay_s = axes(lambda loop: loop.delay_s)
-        self._speed = axes(lambda loop: loop.speed_m_s)
         self._lag_s = axes(lambda loop: loop.lag_s)
         self._thrust_limit = axes(lambda loop: loop.thrust_m_s2)
         self._integral_gain = axes(lambda loop: loop.integral_1_s2)
         self._integral_error = axes(lambda loop: loop.integral_error_m_s)
-        self._damping = axes(lambda loop: loop.damping)
         self._drag = axes(lambda loop: loop.drag_1_s)
         self._known_drag = self._drag * axes(lambda loop: loop.drag_known)
-        self._position_gain = axes(lambda loop: loop.position_gain_1_s)
-        self._position_accel = axes(lambda loop: loop.position_accel_m_s2)
-        self._sink = np.array([one.sink_m_s for one in limits])
+        self._damping = axes(lambda loop: loop.damping)
+        self._has_damping, self._knows_drag = (
+            bool(self._damping.any()),
+            bool(self._known_drag.any()),
+        )
+        self._limits_jerk = bool((self._jerk < UNLIMITED).any())
+        self._climb = axes(lambda loop: loop.speed_m_s)
+        self._sink = self._climb.copy()
+        self._sink[:, 2] = [one.sink_m_s for one in limits]
         self._yaw_rate_limit = np.array([one.yaw_rate_rad_s for one in limits])
         self._yaw_accel = np.array([one.yaw_accel_rad_s2 for one in limits])
         self._yaw_gain = np.array([one.yaw_gain_1_s for one in limits])
+
+    def _take_step(self, dt: float) -> None:
+        """Work out what depends on the size of the steps alone."""
+        self._dt = dt
+        self._integral_step = self._integral_gain * dt
+        self._lag_share = np.minimum(1.0, dt / (self._lag_s + TINY))
+        self._jerk_step = self._jerk * dt
+        self._yaw_step = self._yaw_accel * dt
+        self._delay.resize(dt)
 
     def step(self, dt: float, wind_ned_m_s: Floats | tuple[float, float, float]) -> None:
         """Advance all vehicles by `dt` s in a wind of shape (3,) or (n, 3).
 
         The ground is z = 0 everywhere; whoever touches it stands still.
         """
-        powered = (self.control != Control.OFF)[:, None]
+        if dt != self._dt:
+            self._take_step(dt)
+        running = self.control != Control.OFF
+        powered = running[:, None]
         velocity = self.velocity_ned_m_s
-        target = self._delay.push(self._wanted_velocity() * powered, dt)
-        self._follow(target - velocity, dt)
-        self._thrust *= powered
-        self._integral *= powered
-        acceleration = self._thrust - self._drag * (velocity - np.asarray(wind_ned_m_s))
-        acceleration[:, 2] += GRAVITY_M_S2 * ~powered[:, 0]
+        all_running = bool(running.all())
+        wanted = self._wanted_velocity()
+        target = self._delay.push(wanted if all_running else wanted * powered)
+        self._follow(target - velocity)
+        acceleration = self.acceleration_ned_m_s2
+        np.multiply(self._drag, wind_ned_m_s - velocity, out=acceleration)
+        if not all_running:
+            self._thrust *= powered
+            self._integral *= powered
+            acceleration[:, 2] += GRAVITY_M_S2 * ~running
+        acceleration += self._thrust
         velocity += acceleration * dt
-        velocity *= ~(self.on_ground & (velocity[:, 2] >= 0.0))[:, None]
+        if self.on_ground.any():
+            velocity *= (~self.on_ground | (velocity[:, 2] < 0.0))[:, None]
         self.position_ned_m += velocity * dt
-        self.acceleration_ned_m_s2[:] = acceleration
-        self._turn(dt)
+        self._turn(dt, running)
         self._touch_ground()
-        self._lean()
+
+    def stop_along(self, indices: NDArray[np.intp], normal: Floats) -> None:
+        """Take from vehicles (k,) what goes against a normal, (k, 3): velocity, thrust, wind-up."""
+        for motion in (self.velocity_ned_m_s, self._thrust, self._integral):
+            moving = motion[indices]
+            inward = np.minimum(np.einsum("ij,ij->i", moving, normal), 0.0)
+            motion[indices] = moving - inward[:, None] * normal
 
     def _wanted_velocity(self) -> Floats:
         """Velocity target of shape (n, 3) after the position loop, within the speed limits."""
@@ -166,41 +217,38 @@ class Dynamics:
         if positioned.any():
             gap = self.target_position_ned_m - self.position_ned_m
             gap = np.where(positioned[:, None] & np.isfinite(gap), gap, 0.0)
-            wanted = wanted + _sqrt_controller(
-                gap, self._position_gain, self._position_accel, self._speed
-            )
-        limit = self._speed.copy()
-        np.copyto(limit[:, 2], self._sink, where=wanted[:, 2] > 0.0)
-        return _limited(wanted, limit)
+            wanted = wanted + self._approach(gap)
+        return _limited(wanted, np.where(wanted > 0.0, self._sink, self._climb))
 
-    def _follow(self, error: Floats, dt: float) -> None:
+    def _follow(self, error: Floats) -> None:
         """Move thrust (net of gravity) towards what the velocity error demands."""
         integrated = np.abs(error) < self._integral_error
-        self._integral += self._integral_gain * dt * error * integrated
-        demand = _sqrt_controller(error, self._gain, self._jerk, self._accel)
+        self._integral += self._integral_step * error * integrated
+        demand = self._answer(error)
         demand += self._integral
-        demand -= self._damping * self.acceleration_ned_m_s2
-        demand += self._known_drag * self.velocity_ned_m_s
-        change = _limited(demand, self._thrust_limit) - self._thrust
-        change *= np.minimum(1.0, dt / (self._lag_s + TINY))
-        self._thrust += _limited(change, self._jerk * dt)
+        if self._has_damping:
+            demand -= self._damping * self.acceleration_ned_m_s2
+        if self._knows_drag:
+            demand += self._known_drag * self.velocity_ned_m_s
+        change = _limited(demand, self._thrust_limit)
+        change -= self._thrust
+        change *= self._lag_share
+        self._thrust += _limited(change, self._jerk_step) if self._limits_jerk else change
 
-    def _turn(self, dt: float) -> None:
+    def _turn(self, dt: float, running: NDArray[np.bool_]) -> None:
         error = self.target_yaw_rad - self.yaw_rad
-        error = (error + np.pi) % (2.0 * np.pi) - np.pi
-        reach = np.minimum(
-            0.7 * np.sqrt(2.0 * self._yaw_accel * np.abs(error)), self._yaw_rate_limit
-        )
-        rate = _within(self._yaw_gain * error, reach)
-        rate = np.where(np.isnan(rate), 0.0, rate)
-        commanded = self.target_yaw_rate_rad_s
-        rate = np.where(np.isnan(commanded), rate, _within(commanded, self._yaw_rate_limit))
-        self.yaw_rate_rad_s += _within(rate - self.yaw_rate_rad_s, self._yaw_accel * dt)
-        self.yaw_rate_rad_s *= (self.control != Control.OFF) & ~self.on_ground
+        error -= TURN * np.rint(error / TURN)
+        reach = 0.7 * np.sqrt(2.0 * self._yaw_accel * np.abs(error))
+        np.minimum(reach, self._yaw_rate_limit, out=reach)
+        towards = _within(self._yaw_gain * error, reach)
+        # a commanded rate goes before a heading, and neither is no turn
+        rate = np.where(np.isnan(self.target_yaw_rate_rad_s), towards, self.target_yaw_rate_rad_s)
+        np.copyto(rate, 0.0, where=np.isnan(rate))
+        rate = _within(rate, self._yaw_rate_limit)
+        self.yaw_rate_rad_s += _within(rate - self.yaw_rate_rad_s, self._yaw_step)
+        self.yaw_rate_rad_s *= running & ~self.on_ground
         self.yaw_rad += self.yaw_rate_rad_s * dt
-        self.yaw_rad += np.pi
-        self.yaw_rad %= 2.0 * np.pi
-        self.yaw_rad -= np.pi
+        self.yaw_rad -= TURN * np.floor(self.yaw_rad / TURN + 0.5)
 
     def _touch_ground(self) -> None:
         np.greater_equal(self.position_ned_m[:, 2], 0.0, out=self.on_ground)
@@ -214,42 +262,33 @@ class Dynamics:
             ):
                 moving[self.on_ground] = 0.0
 
-    def _lean(self) -> None:
-        """Tilt so that the thrust points where the acceleration comes from."""
-        north, east = self._thrust[:, 0], self._thrust[:, 1]
-        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        np.arctan2(-(cos * north + sin * east), GRAVITY_M_S2, out=self.pitch_rad)
-        np.arctan2(cos * east - sin * north, GRAVITY_M_S2, out=self.roll_rad)
-
 
 class _Delay:
     """A pure delay per vehicle and axis, in whole steps."""
 
     def __init__(self, n: int, delay_s: Floats) -> None:
         self._delay_s = delay_s
-        self._dt = 0.0
-        self._steps = np.zeros((n, 3), dtype=np.intp)
         self._past = np.zeros((1, n, 3))
+        self._delayed = np.zeros((1, n, 3), dtype=np.intp)
         self._head = 0
-        self._rows = np.arange(n)[:, None]
-        self._columns = np.arange(3)
 
-    def push(self, now: Floats, dt: float) -> Floats:
-        if dt != self._dt:
-            self._resize(dt)
-        length = len(self._past)
-        self._head = (self._head + 1) % length
+    def push(self, now: Floats) -> Floats:
+        """Take the newest values and give those that are due."""
+        self._head = (self._head + 1) % len(self._past)
         self._past[self._head] = now
-        delayed: Floats = self._past[(self._head - self._steps) % length, self._rows, self._columns]
-        return delayed
+        due: Floats = self._past.take(self._delayed[self._head])
+        return due
 
-    def _resize(self, dt: float) -> None:
+    def resize(self, dt: float) -> None:
         """Start anew for another step, as if the last value had always been there."""
         last = self._past[self._head]
-        self._steps = np.rint(self._delay_s / dt).astype(np.intp)
-        self._past = np.repeat(last[None], int(self._steps.max(initial=0)) + 1, axis=0)
+        steps = np.rint(self._delay_s / dt).astype(np.intp)
+        length = int(steps.max(initial=0)) + 1
+        self._past = np.repeat(last[None], length, axis=0)
+        heads = np.arange(length)[:, None, None]
+        cells = np.arange(last.size).reshape(last.shape)
+        self._delayed = (heads - steps) % length * last.size + cells
         self._head = 0
-        self._dt = dt
 
 
 def _within(values: Floats, limit: Floats) -> Floats:
@@ -268,14 +307,31 @@ def _magnitude(vectors: Floats) -> Floats:
 
 def _limited(vectors: Floats, limit: Floats) -> Floats:
     """Shorten vectors that are longer than the limit, direction kept."""
-    scale: Floats = limit / np.maximum(_magnitude(vectors), TINY)
-    return vectors * np.minimum(scale, 1.0, out=scale)
+    size = _magnitude(vectors)
+    scale: Floats = np.divide(limit, np.maximum(size, TINY, out=size), out=size)
+    np.minimum(scale, 1.0, out=scale)
+    scale *= vectors
+    return scale
 
 
-def _sqrt_controller(error: Floats, gain: Floats, second_order: Floats, limit: Floats) -> Floats:
-    """Answer an error in proportion, and a large one by a square root (AP_Math/control.cpp)."""
-    size = _magnitude(error)
-    linear = second_order / (gain * gain)
-    root = np.sqrt(2.0 * second_order * np.maximum(size - linear * 0.5, 0.0))
-    answer = np.where(size > linear, root, gain * size)
-    return error * (np.minimum(answer, limit) / np.maximum(size, TINY))
+class _SqrtController:
+    """Answers errors in proportion, and large ones by a square root (AP_Math/control.cpp)."""
+
+    def __init__(self, *, gain: Floats, second_order: Floats, limit: Floats) -> None:
+        self._gain, self._limit = gain, limit
+        self._linear = second_order / (gain * gain)
+        self._half_linear = 0.5 * self._linear
+        self._twice_second_order = 2.0 * second_order
+
+    def __call__(self, error: Floats) -> Floats:
+        """Give the answer to errors, (n, 3) as the coefficients."""
+        size = _magnitude(error)
+        answer = self._gain * size
+        is_large = size > self._linear
+        if is_large.any():
+            beyond = np.maximum(size - self._half_linear, 0.0)
+            np.sqrt(self._twice_second_order * beyond, out=answer, where=is_large)
+        np.minimum(answer, self._limit, out=answer)
+        answer /= np.maximum(size, TINY, out=size)
+        answer *= error
+        return answer

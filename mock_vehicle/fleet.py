@@ -172,8 +172,8 @@ class Fleet:
         np.fill_diagonal(close, val=False)
         seer, seen = np.nonzero(close)
         ranges = self._rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen))
-        ranges[self._ranges_lost] = math.nan
-        readings.ranges_m[:] = ranges
+        readings.ranges_m[:], readings.ring_m[:] = ranges
+        readings.ranges_m[self._ranges_lost] = readings.ring_m[self._ranges_lost] = math.nan
         self.radio.update(distances, alive)
         readings.peers[:] = self.radio.fixes(position, attitude)
         readings.victims[:] = self._infrared.fixes(sightings, position, attitude)
@@ -250,7 +250,7 @@ class Fleet:
         length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
         normal /= np.maximum(length, 1e-9)[:, None]
         self.dynamics.position_ned_m[pressed] += normal * (BODY_RADIUS_M - clearance)[:, None]
-        self._stop_along(pressed, normal)
+        self.dynamics.stop_along(pressed, normal)
 
     def _touch_one_another(self) -> None:
         """Count who touches whom; the airborne of them are held apart."""
@@ -270,15 +270,7 @@ class Fleet:
             for index, direction in ((first[pair], -away), (second[pair], away)):
                 if not grounded[index]:
                     position[index] += 0.5 * depth * direction[0]
-                    self._stop_along(np.array([index]), direction)
-
-    def _stop_along(self, indices: INDICES, normal: FLOATS) -> None:
-        """Take away what goes against the normal: velocity, thrust and the wind-up behind it."""
-        body = self.dynamics
-        for motion in (body.velocity_ned_m_s, body._thrust, body._integral):  # noqa: SLF001 - as the ground does
-            moving = motion[indices]
-            inward = np.minimum(np.einsum("ij,ij->i", moving, normal), 0.0)
-            motion[indices] = moving - inward[:, None] * normal
+                    self.dynamics.stop_along(np.array([index]), direction)
 
 
 class _Drift:

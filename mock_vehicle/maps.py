@@ -109,6 +109,13 @@ class OccupancyMap:
         march = _March(self.cells(origins_m), slopes, ahead, inverse)
         return self._march(march, starts, ends)
 
+    def plumb(self, points_ned_m: Floats) -> Floats:
+        """Measure (n, 2) distances up and down to solid cells, m: their tops, 0 inside, or inf."""
+        solid = self._look(self._steps, self.cells(points_ned_m)) == 0
+        above = -points_ned_m[:, 2] - self.height_m
+        up = np.where(solid & (above <= 0.0), 0.0, np.inf)
+        return np.column_stack((up, np.where(solid, np.maximum(above, 0.0), np.inf)))
+
     def _span_below_top(self, down_m: Floats, slope: Floats, far_m: float) -> tuple[Floats, Floats]:
         """Bound each ray to where it is lower than the map's top; end < start where it never is."""
         above_m = -down_m - self.height_m

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import itertools
 import json
 import math
 from collections.abc import Sequence
@@ -12,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mock_vehicle.coverage import Coverage
 
 if TYPE_CHECKING:
     from mock_vehicle.sensors.battery import Batteries
@@ -22,8 +23,6 @@ FLOATS = NDArray[np.float64]
 BOOLS = NDArray[np.bool_]
 INDICES = NDArray[np.intp]
 
-REFERENCE_HEIGHT_M = 1.5
-"""Where free floor is judged for a flat footprint, under ceilings of 3 m and more."""
 COVER_EVERY = 2
 """Coverage is looked at every second tick: 5 Hz."""
 CURVE_S = 1.0
@@ -37,179 +36,6 @@ PARTED_M = 0.1
 STREAM_S = 1.0
 """Longer gaps between setpoints are another stream, not jitter."""
 SETPOINT_S = 0.1
-
-
-class Coverage:
-    """Which reachable free cells have been seen, and when first; flat or in voxels."""
-
-    def __init__(self, world: World, starts_ned_m: FLOATS) -> None:
-        spec = world.spec.coverage
-        self._radius_m, self._footprint, self._cell_m = spec.radius_m, spec.footprint, spec.cell_m
-        self._line_of_sight = spec.line_of_sight
-        top_m = -float(world.low_ned_m[2])
-        if spec.footprint == "sphere":
-            levels = max(1, math.floor(top_m / spec.cell_m + 1e-6))
-            heights = [(level + 0.5) * spec.cell_m for level in range(levels)]
-        else:
-            heights = [min(REFERENCE_HEIGHT_M, top_m / 2.0)]
-        grids = [world.occupancy(spec.cell_m, height) for height in heights]
-        self.origin_ne_m = np.asarray(grids[0].origin_ne_m, dtype=np.float64)
-        self.cell_m = spec.cell_m
-        self.blocked: BOOLS = np.array([grid.blocked for grid in grids])
-        """[level, north, east]; one level for a flat footprint."""
-        reached = [world.free_cells(spec.cell_m, height, starts_ned_m) for height in heights]
-        columns = np.array(reached).any(axis=0)
-        self.free: BOOLS = columns & ~self.blocked
-        self._lay_out()
-        if spec.line_of_sight:
-            self._lay_out_rays(world, heights)
-        self._last_ned_m = np.full_like(starts_ned_m, np.nan)
-
-    @property
-    def fraction(self) -> float:
-        """Share of the reachable free cells seen so far."""
-        return float(np.count_nonzero(self._seen) / max(self._free_cells, 1))
-
-    @property
-    def seen_s(self) -> NDArray[np.float32]:
-        """When each cell was first seen, [level, north, east]; NaN is never."""
-        inner = tuple(slice(self._reach[axis], -self._reach[axis] or None) for axis in range(3))
-        return self._seen_s.reshape(self._shape)[inner]
-
-    def cover(self, position_ned_m: FLOATS, airborne: BOOLS, now: float) -> None:
-        """Mark what the airborne vehicles have seen on the way since the last call."""
-        flying = np.nonzero(airborne)[0]
-        came_from = np.where(
-            np.isnan(self._last_ned_m[flying]), position_ned_m[flying], self._last_ned_m[flying]
-        )
-        way = position_ned_m[flying] - came_from
-        far = np.sqrt(np.einsum("ij,ij->i", way, way))
-        first = np.isnan(self._last_ned_m[flying, 0])
-        moved = first | (far > 0.1 * self._cell_m)
-        self._last_ned_m[~airborne] = np.nan
-        if not moved.any():
-            return
-        self._last_ned_m[flying[moved]] = position_ned_m[flying[moved]]
-        # Between two looks a vehicle moves further than a small footprint reaches.
-        stride = max(0.5 * self._cell_m, 0.25 * self._radius_m)
-        steps = max(1, math.ceil(float(far[moved].max()) / stride))
-        parts = np.arange(1, steps + 1)[:, None, None] / steps
-        for points in came_from[moved] + parts * way[moved]:
-            self._look(points, now)
-
-    def _lay_out(self) -> None:
-        """Flatten padded volumes, so that looking around is adding offsets to one index."""
-        reach = math.ceil(self._radius_m / self._cell_m) + 1
-        self._reach = (reach if self._footprint == "sphere" else 0, reach, reach)
-        pad = [(r, r) for r in self._reach]
-        self._shape = tuple(
-            size + 2 * r for size, r in zip(self.free.shape, self._reach, strict=True)
-        )
-        self._free_flat = np.pad(self.free, pad).ravel()
-        self._free_cells = int(np.count_nonzero(self.free))
-        self._seen = np.zeros(self._free_flat.shape, dtype=bool)
-        self._seen_s = np.full(self._free_flat.shape, np.nan, dtype=np.float32)
-        self._strides = np.array([self._shape[1] * self._shape[2], self._shape[2], 1])
-        cube = itertools.product(*(range(-r, r + 1) for r in self._reach))
-        self._offsets = np.array(sorted(cube, key=lambda o: (max(map(abs, o)), o)))
-        self._flat_offsets = self._offsets @ self._strides
-
-    def _lay_out_rays(self, world: World, heights: list[float]) -> None:
-        """For each offset find the cell before it on the way out, and the steps from there.
-
-        Steps go from centre to centre along the axes, so no chain of open steps leads through a
-        wall, however thin. A diagonal one may take its axes in either order.
-        """
-        index = {tuple(offset): number for number, offset in enumerate(self._offsets.tolist())}
-        ring = np.abs(self._offsets).max(axis=1)
-        inner = np.rint(self._offsets * ((ring - 1) / np.maximum(ring, 1))[:, None]).astype(int)
-        inner[0] = 0
-        self._parents = np.array([index[tuple(parent)] for parent in inner.tolist()])
-        self._rings = [
-            slice(int(np.searchsorted(ring, r)), int(np.searchsorted(ring, r, "right")))
-            for r in range(1, max(self._reach) + 1)
-        ]
-        ways = [
-            (self._steps(parent, offset), self._steps(parent, offset, last_axis_first=True))
-            for parent, offset in zip(inner.tolist(), self._offsets.tolist(), strict=True)
-        ]
-        longest = max(len(way) for pair in ways for way in pair)
-        filled = [[way + way[:1] * (longest - len(way)) for way in pair] for pair in ways[1:]]
-        origin = [[[0] * longest] * 2]
-        self._ways = np.array(origin + filled).transpose(1, 2, 0)[..., None]
-        self._steps_open = self._open_steps(world, heights)
-
-    def _steps(
-        self, start: list[int], end: list[int], *, last_axis_first: bool = False
-    ) -> list[int]:
-        """Name the steps between two cells by their axis and lower cell, as flat indices."""
-        at, steps = list(start), []
-        for axis in (2, 1, 0) if last_axis_first else (0, 1, 2):
-            if at[axis] != end[axis]:
-                lower = list(at)
-                lower[axis] = min(at[axis], end[axis])
-                steps.append(axis * self._seen.size + int(np.dot(lower, self._strides)))
-                at[axis] = end[axis]
-        return steps
-
-    def _open_steps(self, world: World, heights: list[float]) -> BOOLS:
-        """Look from each cell's centre to the next one up, north and east: [axis, cell], flat."""
-        levels, north, east = self.free.shape
-        centres = np.empty((*self.free.shape, 3))
-        centres[..., 0] = (self.origin_ne_m[0] + (np.arange(north) + 0.5) * self._cell_m)[:, None]
-        centres[..., 1] = self.origin_ne_m[1] + (np.arange(east) + 0.5) * self._cell_m
-        centres[..., 2] = -np.array(heights)[:, None, None]
-        opened = np.zeros((3, *self._shape), dtype=bool)
-        inner = tuple(
-            slice(r, r + size) for r, size in zip(self._reach, self.free.shape, strict=True)
-        )
-        for axis, size in enumerate((levels, north, east)):
-            here = np.take(centres, range(size - 1), axis).reshape(-1, 3)
-            there = np.take(centres, range(1, size), axis).reshape(-1, 3)
-            if len(here):
-                seen = np.zeros(self.free.shape, dtype=bool)
-                lower = tuple(slice(0, -1 if other == axis else None) for other in range(3))
-                seen[lower] = world.line_of_sight(here, there).reshape(seen[lower].shape)
-                opened[axis][inner] = seen
-        return opened.ravel()
-
-    def _look(self, points_ned_m: FLOATS, now: float) -> None:
-        """Mark the cells whose centres lie in the footprints around (n, 3) points."""
-        place = np.empty_like(points_ned_m)
-        place[:, 0] = -points_ned_m[:, 2] / self._cell_m if self._footprint == "sphere" else 0.5
-        place[:, 1:] = (points_ned_m[:, :2] - self.origin_ne_m) / self._cell_m
-        cell = np.floor(place).astype(int)
-        inside = ((cell >= 0) & (cell < self.free.shape)).all(axis=1)
-        if not inside.all():
-            place, cell = place[inside], cell[inside]
-        base = (cell + self._reach) @ self._strides
-        target = self._flat_offsets[:, None] + base
-        within = self._within(cell + 0.5 - place) & self._free_flat[target] & ~self._seen[target]
-        if self._line_of_sight:
-            within &= self._visible(base)
-        fresh = target[within]
-        self._seen[fresh] = True
-        self._seen_s[fresh] = now
-
-    def _within(self, rest: FLOATS) -> BOOLS:
-        """Tell which offsets (m) lie in the footprint of each vehicle (n), (m, n)."""
-        reach = self._radius_m / self._cell_m + 1e-9
-        if self._footprint == "square":
-            north, east = (
-                np.abs(self._offsets[:, axis, None] + rest[:, axis]) <= reach for axis in (1, 2)
-            )
-            return np.asarray(north & east)
-        squared = np.einsum("ij,ij->i", self._offsets, self._offsets)[:, None]
-        squared = squared + 2.0 * (self._offsets @ rest.T) + np.einsum("ij,ij->i", rest, rest)
-        return np.asarray(squared <= reach**2)
-
-    def _visible(self, base: INDICES) -> BOOLS:
-        """Walk outwards ring by ring: a cell is visible if the one before it is, and the step."""
-        step: BOOLS = np.asarray(self._steps_open[self._ways + base].all(axis=1).any(axis=0))
-        visible = np.ones_like(step)
-        for ring in self._rings:
-            visible[ring] = visible[self._parents[ring]] & step[ring]
-        return visible
 
 
 class Contacts:

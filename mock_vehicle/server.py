@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import gc
 import logging
+import math
 import os
 import signal
 import socket
@@ -101,6 +102,8 @@ class Server:
         self.behind_s = 0.0
         """Mission time dropped so far because the machine was too slow."""
         self._steps = 0
+        self._started_s = math.inf
+        """Wall clock of mission time 0; what was dropped has moved it on."""
         self._complained_s = -COMPLAIN_EVERY_S
         self._stopped = False
 
@@ -152,19 +155,23 @@ class Server:
 
     async def _fly(self, loop: asyncio.AbstractEventLoop, duration_s: float | None) -> None:
         """Step at absolute deadlines, a tick at most before the sockets have their turn."""
-        started = loop.time()
+        self._started_s = loop.time()
         steps_per_turn = round(TICK_S / STEP_S)
         while not self._stopped:
-            owed = (loop.time() - started) * self._speed - self.time_s
+            owed = self._due_s(loop.time()) - self.time_s
             if owed > DEBT_MAX_S + STEP_S:
-                started += (owed - DEBT_MAX_S) / self._speed
+                self._started_s += (owed - DEBT_MAX_S) / self._speed
                 self._fall_behind(owed - DEBT_MAX_S, loop.time())
             for _ in range(min(steps_per_turn, int(owed / STEP_S + 1e-6))):
                 self._step(loop.time())
                 if duration_s is not None and self.time_s >= duration_s - 1e-9:
                     return
-            rest = (self.time_s + STEP_S) / self._speed - (loop.time() - started)
+            rest = (self.time_s + STEP_S - self._due_s(loop.time())) / self._speed
             await asyncio.sleep(max(rest, 0.0))
+
+    def _due_s(self, wall_s: float) -> float:
+        """Tell the mission time that a wall clock stands for; steps come a little after it."""
+        return (wall_s - self._started_s) * self._speed
 
     def _step(self, wall_s: float) -> None:
         self._steps += 1
@@ -179,8 +186,11 @@ class Server:
             LOG.warning("falling behind real time by %.1f s so far", self.behind_s)
 
     def _receive(self, index: int, endpoint: _Endpoint) -> None:
-        for data in endpoint.drain(asyncio.get_running_loop().time()):
-            self._fleet.receive(index, data, self.time_s)
+        """Hand over what has arrived, at the time of its arrival and not of the last step."""
+        wall_s = asyncio.get_running_loop().time()
+        now = max(self.time_s, self._due_s(wall_s))
+        for data in endpoint.drain(wall_s):
+            self._fleet.receive(index, data, now)
 
     def _watch_stdin(self, loop: asyncio.AbstractEventLoop) -> None:
         """Stop when whoever started us closes our input; files and /dev/null are not watched."""

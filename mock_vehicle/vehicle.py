@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -107,6 +107,7 @@ class Vehicle:
         autopilot = self.autopilot
         autopilot.state = State._make((*row[:_STATE_COLUMNS], row[_STATE_COLUMNS:]))
         autopilot.peers, autopilot.victims = peers, victims
+        autopilot.ring_m = readings.ring_m[self.index]
         autopilot.range_min_m, autopilot.range_max_m = readings.range_min_m, readings.range_max_m
 
     def receive(self, data: bytes, now: float) -> list[bytes]:
@@ -152,8 +153,11 @@ def _is_broadcast(frame: wire.Frame, sysid: int) -> bool:
     return frame.id == HEARTBEAT_ID or (frame.id == TUNNEL_ID and not frame.values.target_system)
 
 
-def packed(frames: Iterable[bytes]) -> list[bytes]:
+def packed(frames: Sequence[bytes]) -> list[bytes]:
     """Join whole frames into datagrams of at most 1400 bytes, in order."""
+    joined = b"".join(frames)
+    if len(joined) <= DATAGRAM_BYTES:
+        return [joined] if joined else []
     datagrams: list[bytes] = []
     pending: list[bytes] = []
     size = 0

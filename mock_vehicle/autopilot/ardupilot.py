@@ -7,24 +7,18 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from mock_vehicle.autopilot import commands, streams
-from mock_vehicle.autopilot.base import (
-    NAN,
-    NOWHERE,
-    STILL,
-    STOP,
-    Autopilot,
+from mock_vehicle.autopilot.base import Autopilot
+from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
+from mock_vehicle.autopilot.streams import Encoder
+from mock_vehicle.autopilot.traits import (
     LandedState,
     Manoeuvre,
     Mode,
-    Setpoint,
     Severity,
     SystemStatus,
     Traits,
-    Vector,
-    rotated,
 )
-from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
-from mock_vehicle.autopilot.streams import Encoder
 from mock_vehicle.dynamics import Limits, Loop
 from swarm_ctl import wire
 

@@ -8,7 +8,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from mock_vehicle.autopilot import streams
-from mock_vehicle.autopilot.base import Autopilot, Severity
+from mock_vehicle.autopilot.base import Autopilot
+from mock_vehicle.autopilot.traits import Severity
 from swarm_ctl import wire
 
 COMMAND_ACK = wire.message("COMMAND_ACK")

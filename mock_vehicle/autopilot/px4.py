@@ -7,21 +7,11 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from mock_vehicle.autopilot import commands, streams
-from mock_vehicle.autopilot.base import (
-    NAN,
-    NOWHERE,
-    STOP,
-    Autopilot,
-    Manoeuvre,
-    Mode,
-    Setpoint,
-    Severity,
-    SystemStatus,
-    Traits,
-    rotated,
-)
+from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, rotated
 from mock_vehicle.autopilot.streams import Encoder
+from mock_vehicle.autopilot.traits import Manoeuvre, Mode, Severity, SystemStatus, Traits
 from mock_vehicle.dynamics import GRAVITY_M_S2, UNLIMITED, Limits, Loop
 from swarm_ctl import wire
 

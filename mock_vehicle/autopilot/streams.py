@@ -9,7 +9,9 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from mock_vehicle.sensors.rangefinder import CONE_DEG
+import numpy as np
+
+from mock_vehicle.sensors.rangefinder import CONE_DEG, RING
 from swarm_ctl import wire
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ EXTENDED_SYS_STATE = wire.message("EXTENDED_SYS_STATE")
 HEARTBEAT = wire.message("HEARTBEAT")
 LANDING_TARGET = wire.message("LANDING_TARGET")
 LOCAL_POSITION_NED = wire.message("LOCAL_POSITION_NED")
+OBSTACLE_DISTANCE = wire.message("OBSTACLE_DISTANCE")
 SYS_STATUS = wire.message("SYS_STATUS")
 VFR_HUD = wire.message("VFR_HUD")
 
@@ -41,12 +44,20 @@ ORIENTATIONS = (0, 12, 6, 2, 24, 25)
 """MAV_SENSOR_ROTATION of front, back, left, right, up, down."""
 ORIENTATION_CUSTOM = 100
 SENSOR_LASER, SENSOR_UNKNOWN = 0, 4
-LEVEL_SENSORS = 4
-CONE_RAD = math.radians(CONE_DEG)
-"""DISTANCE_SENSOR.horizontal_fov of the level sensors."""
 FRAME_BODY_FRD = 12
 FARTHEST_CM = 0xFFFF
+LONGEST_RANGE_M = 654.0
+"""What fits into centimetres of 16 bits, with a number left for "nothing" that is not "unknown"."""
 NO_ROTATION = (0.0, 0.0, 0.0, 0.0)
+FIELDS_OF_VIEW_RAD = (math.radians(CONE_DEG),) * 4 + (0.0, 0.0)
+MOUNTINGS = tuple(
+    (SENSOR_LASER, number, orientation, 0xFF, view_rad, 0.0, NO_ROTATION, 0)
+    for number, (orientation, view_rad) in enumerate(
+        zip(ORIENTATIONS, FIELDS_OF_VIEW_RAD, strict=True)
+    )
+)
+"""What DISTANCE_SENSOR says of each rangefinder after the distance."""
+RING_SPACING_DEG = 360 // RING
 UNKNOWN_TEMPERATURE = 0x7FFF
 UNUSED_CELLS = (0xFFFF,) * 9
 
@@ -171,32 +182,45 @@ def extended_sys_state(autopilot: Autopilot, now: float) -> None:  # noqa: ARG00
 
 def distance_sensors(autopilot: Autopilot, now: float) -> None:
     """Send the rangefinders that work; beyond max_distance there is nothing."""
-    time = milliseconds(now)
-    nearest, farthest = centimetres(autopilot.range_min_m), centimetres(autopilot.range_max_m)
-    for number, range_m in enumerate(autopilot.state.ranges_m):
-        if math.isnan(range_m):
-            continue
-        distance = centimetres(range_m) if range_m <= autopilot.range_max_m else farthest + 1
-        autopilot.send(
-            DISTANCE_SENSOR,
-            time,
-            nearest,
-            farthest,
-            min(distance, FARTHEST_CM),
-            SENSOR_LASER,
-            number,
-            ORIENTATIONS[number],
-            0xFF,
-            CONE_RAD if number < LEVEL_SENSORS else 0.0,
-        )
+    time, send = milliseconds(now), autopilot.send
+    reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
+    nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
+    for range_m, mounting in zip(autopilot.state.ranges_m, MOUNTINGS, strict=True):
+        if range_m == range_m:  # noqa: PLR0124 - not NaN, and six times cheaper than asking
+            distance = round(range_m * 100.0) if range_m <= reach_m else farthest + 1
+            send(DISTANCE_SENSOR, time, nearest, farthest, distance, *mounting)
+
+
+def obstacle_distance(autopilot: Autopilot, now: float) -> None:
+    """Send OBSTACLE_DISTANCE, the level rays clockwise from the nose, unless they are broken."""
+    ring = autopilot.ring_m
+    if np.isnan(ring).any():
+        return
+    reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
+    nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
+    seen = ring <= reach_m
+    distances = np.rint(np.where(seen, ring, 0.0) * 100.0).astype(int)
+    autopilot.send(
+        OBSTACLE_DISTANCE,
+        microseconds(now),
+        SENSOR_LASER,
+        np.where(seen, distances, farthest + 1).tolist(),
+        RING_SPACING_DEG,
+        nearest,
+        farthest,
+        float(RING_SPACING_DEG),
+        0.0,
+        FRAME_BODY_FRD,
+    )
 
 
 def peers(autopilot: Autopilot, now: float) -> None:
     """Send what the radio measured of its peers: +x turned towards each, body FRD."""
+    time = milliseconds(now)
     for fix in autopilot.peers:
         autopilot.send(
             DISTANCE_SENSOR,
-            milliseconds(now),
+            time,
             0,
             FARTHEST_CM,
             centimetres(fix.range_m),
@@ -273,6 +297,7 @@ COMMON: Mapping[int, Encoder] = {
     DISTANCE_SENSOR.id: distance_sensors,
     BATTERY_STATUS.id: battery_status,
     EXTENDED_SYS_STATE.id: extended_sys_state,
+    OBSTACLE_DISTANCE.id: obstacle_distance,
 }
 """Messages that both autopilots stream, by id."""
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mock_vehicle.world.ring import Ring
 
 if TYPE_CHECKING:
     from mock_vehicle.world import World
@@ -22,7 +24,6 @@ RING = 72
 """Level rays of a vehicle, evenly spaced: 5 degrees, as in MAVLink's OBSTACLE_DISTANCE."""
 
 _SPACING_DEG = 360.0 / RING
-_AZIMUTHS_RAD = np.radians(np.arange(RING) * _SPACING_DEG)
 _SIDES_DEG = (0.0, 180.0, -90.0, 90.0)  # front, back, left, right, clockwise from the nose
 _HALF = round(CONE_DEG / 2.0 / _SPACING_DEG)
 _CONES = np.array(
@@ -30,40 +31,25 @@ _CONES = np.array(
 )
 _CONES %= RING
 """Rays of each cone, (4, 19) indices into the ring; the outermost are its neighbour's too."""
-_RAYS = RING + 2
 
 
-def directions(yaw_rad: FLOATS) -> FLOATS:
-    """Point all beams, (n, 74, 3) in NED: the ring clockwise from the nose, then up, then down."""
-    azimuth = yaw_rad[:, None] + _AZIMUTHS_RAD
-    beams = np.zeros((len(yaw_rad), _RAYS, 3))
-    np.cos(azimuth, out=beams[:, :-2, 0])
-    np.sin(azimuth, out=beams[:, :-2, 1])
-    beams[:, -2, 2] = -1.0
-    beams[:, -1, 2] = 1.0
-    return beams
+class Ranges(NamedTuple):
+    """What the rangefinders of n vehicles read, m; `inf` is nothing within range."""
+
+    sensors_m: FLOATS
+    """(n, 6): front, back, left, right, up, down."""
+    ring_m: FLOATS
+    """(n, 72): every level ray, clockwise from the nose."""
 
 
-def fold(ranges_m: FLOATS) -> FLOATS:
-    """Take the nearest return of each cone: (n, 74) to (n, 6)."""
-    folded = np.empty((len(ranges_m), 6))
-    ranges_m[:, _CONES].min(axis=2, out=folded[:, :4])
-    folded[:, 4:] = ranges_m[:, -2:]
-    return folded
-
-
-def sphere_ranges(beams: FLOATS, toward_m: FLOATS, radius_m: float = BODY_RADIUS_M) -> FLOATS:
-    """Range along (p, k, 3) beams to spheres `toward_m` (p, 3) away; `inf` where they miss."""
-    along = np.einsum("pkc,pc->pk", beams, toward_m)
-    missed_squared = np.einsum("pc,pc->p", toward_m, toward_m)[:, None] - along**2
-    half_chord_squared = radius_m**2 - missed_squared
-    hit = (half_chord_squared >= 0.0) & (along > 0.0)
-    near = along - np.sqrt(np.where(hit, half_chord_squared, 0.0))
-    return np.where(hit, np.maximum(near, 0.0), math.inf)
+def fold(ring_m: FLOATS) -> FLOATS:
+    """Take the nearest return of each cone: (n, 72) to (n, 4)."""
+    nearest: FLOATS = ring_m.T[_CONES].min(axis=1).T
+    return nearest
 
 
 class Rangefinders:
-    """The rangefinders of a whole fleet, read with one cast."""
+    """The rangefinders of a whole fleet, read together."""
 
     def __init__(self, *, range_max_m: float, noise_m: float, rng: np.random.Generator) -> None:
         self.range_max_m = range_max_m
@@ -76,22 +62,36 @@ class Rangefinders:
         position_ned_m: FLOATS,
         yaw_rad: FLOATS,
         near: tuple[NDArray[np.intp], NDArray[np.intp]],
-    ) -> FLOATS:
-        """Read (n, 6) ranges from the centres; `inf` is nothing within `range_max_m`.
+    ) -> Ranges:
+        """Read the ranges from the centres of all vehicles.
 
         `near` are the (hearer, other) index pairs close enough to be seen as obstacles.
         """
-        beams = directions(yaw_rad)
-        n = len(beams)
-        origins = np.repeat(position_ned_m, _RAYS, axis=0)
-        ranges = world.cast(origins, beams.reshape(-1, 3), self.range_max_m).reshape(n, _RAYS)
+        ring = Ring(position_ned_m, yaw_rad, RING)
+        world.scan(ring, self.range_max_m)
+        upright = world.plumb(position_ned_m, self.range_max_m)
         seer, seen = near
         if len(seer):
-            toward = position_ned_m[seen] - position_ned_m[seer]
-            np.minimum.at(ranges, seer, sphere_ranges(beams[seer], toward))
-        measured = fold(ranges)
+            _see_bodies(ring, upright, seer, position_ned_m[seen] - position_ned_m[seer])
+        sensors = np.column_stack((fold(ring.ranges_m), upright))
         if self._noise_m > 0.0:
-            measured += self._rng.normal(0.0, self._noise_m, measured.shape)
-        np.maximum(measured, RANGE_MIN_M, out=measured)
-        measured[measured > self.range_max_m] = math.inf
-        return measured
+            sensors += self._rng.normal(0.0, self._noise_m, sensors.shape)
+        return Ranges(self._reported(sensors), self._reported(ring.ranges_m))
+
+    def _reported(self, measured_m: FLOATS) -> FLOATS:
+        np.maximum(measured_m, RANGE_MIN_M, out=measured_m)
+        measured_m[measured_m > self.range_max_m] = math.inf
+        return measured_m
+
+
+def _see_bodies(ring: Ring, upright: FLOATS, seer: NDArray[np.intp], toward_m: FLOATS) -> None:
+    """Stop rays at the spheres of other bodies, (p, 3) away from their seers."""
+    square = BODY_RADIUS_M**2 - toward_m[:, 2] ** 2
+    (beside,) = np.nonzero(square > 0.0)
+    ring.meet_discs(seer[beside], toward_m[beside, :2], np.sqrt(square[beside]))
+    square = BODY_RADIUS_M**2 - np.einsum("pc,pc->p", toward_m[:, :2], toward_m[:, :2])
+    for pair in np.nonzero(square > 0.0)[0].tolist():
+        down_m = toward_m[pair, 2]
+        row, column = seer[pair], int(down_m > 0.0)
+        reach = max(abs(down_m) - math.sqrt(square[pair]), 0.0)
+        upright[row, column] = min(upright[row, column], reach)

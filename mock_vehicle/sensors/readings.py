@@ -36,6 +36,8 @@ class Readings:
     ranges_m: Floats
     """Shape (n, 6): front, back, left, right, up, down; inf where nothing is within range, NaN
     for a sensor that does not report."""
+    ring_m: Floats
+    """Shape (n, 72): level rays 5 degrees apart, clockwise from the nose; inf and NaN as above."""
     range_max_m: float
     """Farther than this the rangefinders see nothing."""
     range_min_m: float
@@ -58,6 +60,7 @@ class Readings:
         """Build the readings of n vehicles that see nothing and are fully charged."""
         return cls(
             ranges_m=np.full((n, 6), np.inf),
+            ring_m=np.full((n, 72), np.inf),
             range_max_m=10.0,
             range_min_m=0.2,
             battery_fraction=np.ones(n),

@@ -5,7 +5,6 @@ Files are floor plans (x east, y north, z up, degrees); everything here is NED, 
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,28 +12,25 @@ from numpy.typing import NDArray
 
 from mock_vehicle.errors import WorldError
 from mock_vehicle.maps import CLEARANCE_CAP_M, OccupancyMap, load_map
-from mock_vehicle.world.floor import Grid, centres, flood, headings, on_floor, rows
-from mock_vehicle.world.shapes import OPEN_SKY_HEIGHT_M, Prism, Room, Shapes, build_prisms
-from mock_vehicle.world.spec import GridStarts, WorldSpec, read_spec
+from mock_vehicle.world.floor import Grid, centres, flood, largest_area
+from mock_vehicle.world.outline import drawn_map, polygon
+from mock_vehicle.world.plan import OPEN_SKY_HEIGHT_M, build_prisms
+from mock_vehicle.world.reading import read_spec
+from mock_vehicle.world.ring import Ring
+from mock_vehicle.world.shapes import Room, Shapes
+from mock_vehicle.world.spec import GridStarts, WorldSpec
+from mock_vehicle.world.starts import place
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from mock_vehicle.world.spec import RandomSpec
-
-__all__ = ["Grid", "Victim", "World", "WorldSpec", "load_world"]
+__all__ = ["Grid", "Ring", "Victim", "World", "WorldSpec", "load_world"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-START_CLEARANCE_M = 0.3
-"""Least distance from a start to anything solid, m."""
-_START_HEIGHT_M = 0.15
-"""Height at which a vehicle on the floor is wide, m."""
 _SEE_TOLERANCE_M = 1e-3
 """How far short of a point a surface may lie that the point itself is on, m."""
-_DRAWN_CELLS = 250_000
-"""A map with more cells is drawn coarser."""
 
 
 class Victim(NamedTuple):
@@ -63,6 +59,8 @@ class World:
             Victim(v.name, (v.position_m[1], v.position_m[0], -v.position_m[2]))
             for v in spec.victims
         ]
+        self.prisms = shapes.prisms
+        """The solids, walls cut into pieces at their doors."""
         self._shapes = shapes
         self._map = chart
         self.low_ned_m, self.high_ned_m = self._bounds()
@@ -70,7 +68,7 @@ class World:
 
     def _bounds(self) -> tuple[Floats, Floats]:
         """Find the box around the world; under open sky it ends at the tallest solid or 3 m."""
-        tops = [prism.top_m for prism in self._shapes.prisms] + [OPEN_SKY_HEIGHT_M]
+        tops = [prism.top_m for prism in self.prisms] + [OPEN_SKY_HEIGHT_M]
         tops += [] if self._map is None else [self._map.height_m]
         top = max(tops) if self.ceiling_m is None else self.ceiling_m
         if self._map is None:
@@ -103,6 +101,27 @@ class World:
         if self._map is not None:
             chart = self._map.cast(origins_m, directions, max_range_m)
             np.minimum(distance, chart, out=distance)
+        distance[distance > max_range_m] = np.inf
+        return distance
+
+    def scan(self, ring: Ring, max_range_m: float) -> None:
+        """Stop level rays at the first surface: as `cast` would, in a fraction of the time.
+
+        Beyond `max_range_m` the rays have met nothing.
+        """
+        self._room.scan(ring)
+        self._shapes.scan(ring, max_range_m)
+        if self._map is not None:
+            origins = np.repeat(ring.origins_m, ring.count, axis=0)
+            chart = self._map.cast(origins, ring.directions(), max_range_m)
+            ring.meet(chart.reshape(ring.ranges_m.shape))
+        ring.ranges_m[ring.ranges_m > max_range_m] = np.inf
+
+    def plumb(self, points_m: Floats, max_range_m: float) -> Floats:
+        """Measure (n, 2) distances straight up and down from (n, 3) points, as `cast` would, m."""
+        distance = np.minimum(self._room.plumb(points_m), self._shapes.plumb(points_m))
+        if self._map is not None:
+            np.minimum(distance, self._map.plumb(points_m), out=distance)
         distance[distance > max_range_m] = np.inf
         return distance
 
@@ -151,14 +170,25 @@ class World:
         so a wall thinner than a cell still holds. Seeds in blocked cells reach nothing.
         """
         grid = self.occupancy(cell_m, height_m)
-        seeds = np.floor((seeds_ned_m[:, :2] - grid.origin_ne_m) / cell_m).astype(int)
-        inside = ((seeds >= 0) & (seeds < grid.blocked.shape)).all(axis=1)
-        middle = centres(grid.origin_ne_m, cell_m, grid.blocked.shape, height_m)
-        north = self._passable(middle[:-1], middle[1:], ~grid.blocked[:-1] & ~grid.blocked[1:])
-        east = self._passable(
-            middle[:, :-1], middle[:, 1:], ~grid.blocked[:, :-1] & ~grid.blocked[:, 1:]
-        )
-        return flood(~grid.blocked, north, east, seeds[inside])
+        seeds = grid.cells(seeds_ned_m)
+        return flood(~grid.blocked, *self._ways(grid, height_m), seeds[grid.holds(seeds)])
+
+    def largest_area(self, cell_m: float, height_m: float) -> Grid:
+        """Slice the world at a height as `occupancy`, but block all except the largest free area.
+
+        Its cells can be reached from one another, as `free_cells` has it.
+        """
+        grid = self.occupancy(cell_m, height_m)
+        area = largest_area(~grid.blocked, *self._ways(grid, height_m))
+        return grid._replace(blocked=~area)
+
+    def _ways(self, grid: Grid, height_m: float) -> tuple[Bools, Bools]:
+        """Tell where the next cell northwards and eastwards can be entered."""
+        free = ~grid.blocked
+        middle = centres(grid.origin_ne_m, grid.cell_m, free.shape, height_m)
+        north = self._passable(middle[:-1], middle[1:], free[:-1] & free[1:])
+        east = self._passable(middle[:, :-1], middle[:, 1:], free[:, :-1] & free[:, 1:])
+        return north, east
 
     def _passable(self, a_m: Floats, b_m: Floats, free: Bools) -> Bools:
         """Keep of the free pairs of neighbours, (nx, ny), those with nothing solid between them."""
@@ -175,46 +205,7 @@ class World:
         Fewer vehicles get the first of the same places. WorldError when there is no room for n, or
         a place is nearer than 0.3 m to something solid.
         """
-        rule = self.spec.starts
-        if isinstance(rule, tuple):
-            points, yaw = np.array([s.position_m for s in rule]), [s.yaw_deg for s in rule]
-            if len(rule) < n:
-                raise WorldError(self.path, "starts", f"lists {len(rule)} places, not {n}")
-            places, yaws_deg = on_floor(points.reshape(-1, 2)[:n, ::-1]), np.array(yaw[:n])
-        elif isinstance(rule, GridStarts):
-            places, yaws_deg = rows(rule.grid, n)
-        else:
-            return self._random_starts(rule.random, n, seed)
-        self._check_starts(places)
-        return places, headings(np.asarray(yaws_deg, dtype=np.float64))
-
-    def _check_starts(self, places_m: Floats) -> None:
-        """Raise WorldError for the first place that is inside or too near to something solid."""
-        clearance = self.clearance(places_m - [0.0, 0.0, _START_HEIGHT_M])
-        for index in np.flatnonzero(clearance < START_CLEARANCE_M)[:1]:
-            north, east, _ = places_m[index]
-            listed = isinstance(self.spec.starts, tuple)
-            key = f"starts[{index}].position_m" if listed else "starts.grid"
-            which = "" if listed else f"vehicle {index + 1} at "
-            gap = clearance[index]
-            near = "is inside something" if gap <= 0.0 else f"is only {gap:.2f} m from something"
-            raise WorldError(self.path, key, f"{which}({east:g}, {north:g}) {near} solid")
-
-    def _random_starts(self, rule: RandomSpec, n: int, seed: int) -> tuple[Floats, Floats]:
-        """Throw darts at the floor and keep those far enough from solids and from each other."""
-        darts, noses = (np.random.default_rng([seed, stream]) for stream in (0, 1))
-        room = min(max(rule.margin_m, START_CLEARANCE_M), CLEARANCE_CAP_M)
-        low, high = self.low_ned_m[:2], self.high_ned_m[:2]
-        kept = np.empty((0, 3))
-        for _ in range(64):
-            batch = on_floor(darts.uniform(low, high, (512, 2)))
-            for dart in batch[self.clearance(batch - [0.0, 0.0, _START_HEIGHT_M]) >= room]:
-                if len(kept) < n and (np.hypot(*(kept - dart).T[:2]) >= rule.spacing_m).all():
-                    kept = np.vstack([kept, dart])
-            if len(kept) >= n:
-                return kept, noses.uniform(-math.pi, math.pi, n)
-        reason = f"there is room for {len(kept)} vehicles {rule.spacing_m:g} m apart, not for {n}"
-        raise WorldError(self.path, "starts.random", reason)
+        return place(self, n, seed)
 
     def outline(self) -> dict[str, Any]:
         """Describe the world for drawing, JSON-able.
@@ -232,11 +223,11 @@ class World:
             "high": self.high_ned_m.tolist(),
             "ceiling_m": self.ceiling_m,
             "closed": self.spec.closed and self._map is None,
-            "polygons": [_polygon(prism) for prism in self._shapes.prisms],
+            "polygons": [polygon(prism) for prism in self.prisms],
             "victims": [
                 v._asdict() | {"position_ned_m": [*v.position_ned_m]} for v in self.victims
             ],
-            "map": None if self._map is None else _drawn_map(self._map),
+            "map": None if self._map is None else drawn_map(self._map),
         }
 
     def check(self) -> None:
@@ -296,26 +287,3 @@ def _load_map(path: Path, spec: WorldSpec) -> OccupancyMap | None:
     if not file.is_file():
         raise WorldError(path, "map.file", f"{spec.map.file} does not exist")
     return load_map(file, spec.map.height_m or spec.ceiling_m or OPEN_SKY_HEIGHT_M)
-
-
-def _polygon(prism: Prism) -> dict[str, Any]:
-    points = prism.outline_ne_m().round(3).tolist()
-    return {"points_ne_m": points, "bottom_m": prism.bottom_m, "top_m": prism.top_m}
-
-
-def _drawn_map(chart: OccupancyMap) -> dict[str, Any]:
-    """Describe a map for drawing, in runs; a big one coarser, solid wherever any cell is."""
-    factor = math.ceil(math.sqrt(max(1.0, chart.blocked.size / _DRAWN_CELLS)))
-    padding = [(0, -size % factor) for size in chart.blocked.shape]
-    padded = np.pad(chart.blocked, padding, constant_values=True)
-    nx, ny = (size // factor for size in padded.shape)
-    blocked = padded.reshape(nx, factor, ny, factor).any(axis=(1, 3))
-    edges = np.flatnonzero(np.diff(blocked.reshape(-1), prepend=False, append=False))
-    return {
-        "origin_ne_m": list(chart.origin_ne_m),
-        "cell_m": chart.cell_m * factor,
-        "yaw_rad": chart.yaw_rad,
-        "height_m": chart.height_m,
-        "shape": [nx, ny],
-        "blocked_rle": np.diff(edges, prepend=0, append=blocked.size).tolist(),
-    }

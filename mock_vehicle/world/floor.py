@@ -24,6 +24,21 @@ class Grid(NamedTuple):
     blocked: Bools
     """Solid cells, (north, east)."""
 
+    def cells(self, points_ned_m: Floats) -> NDArray[np.int_]:
+        """Find the cells of (n, 3) points, (n, 2) north, east; they may lie beyond the slice."""
+        return np.floor((points_ned_m[:, :2] - self.origin_ne_m) / self.cell_m).astype(int)
+
+    def holds(self, cells: NDArray[np.int_]) -> Bools:
+        """Tell which of (n, 2) cells belong to the slice."""
+        return np.asarray(((cells >= 0) & (cells < self.blocked.shape)).all(axis=1))
+
+    def is_free(self, points_ned_m: Floats) -> Bools:
+        """Tell which of (n, 3) points lie in cells that are not blocked."""
+        cells = self.cells(points_ned_m)
+        free = self.holds(cells)
+        free[free] = ~self.blocked[tuple(cells[free].T)]
+        return free
+
 
 def on_floor(north_east_m: Floats) -> Floats:
     """Turn (n, 2) north, east into (n, 3) NED points on the floor."""
@@ -70,3 +85,14 @@ def flood(free: Bools, north: Bools, east: Bools, seeds: NDArray[np.int_]) -> Bo
         ways += [front[right[front]] + 1, front[right[front - 1]] - 1]
         front = np.unique(np.concatenate(ways))
     return reached.reshape(-1, width)[1:-1, 1:-1]
+
+
+def largest_area(free: Bools, north: Bools, east: Bools) -> Bools:
+    """Mark the largest set of (nx, ny) cells that can be reached from one another, as `flood`."""
+    best, rest = np.zeros_like(free), free.copy()
+    while (left := np.argwhere(rest)).size and len(left) > np.count_nonzero(best):
+        middle = len(left) // 2  # pockets are rather found at the rim
+        area = flood(free, north, east, left[middle : middle + 1])
+        rest &= ~area
+        best = max(best, area, key=np.count_nonzero)
+    return best

@@ -5,23 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_vehicle.errors import WorldError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from mock_vehicle.world.spec import BoxSpec, CylinderSpec, WallSpec, WorldSpec
+from mock_vehicle.world.ring import Ring
 
 Floats = NDArray[np.float64]
 Interval = tuple[Floats, Floats]
+Beyond = Callable[["_Columns", Floats], Floats]
 
-OPEN_SKY_HEIGHT_M = 3.0
-"""Height of shapes that name none where there is no ceiling, m."""
 _ROOTS_M = 1.0
 """How far shapes on the floor reach below it, so that no ray slips along the floor, m."""
 _CHUNK = 16_384
@@ -79,12 +72,28 @@ class Shapes:
                 nearest[rows] = np.minimum(nearest[rows], near)
         return nearest
 
+    def scan(self, ring: Ring, max_range_m: float) -> None:
+        """Stop level rays at the shapes within the range."""
+        if self._boxes.count:
+            _meet_boxes(self._boxes, ring, max_range_m)
+        if self._cylinders.count:
+            _meet_cylinders(self._cylinders, ring, max_range_m)
+
+    def plumb(self, points_m: Floats) -> Floats:
+        """Measure (n, 2) distances up and down to the nearest face; 0 inside, inf for none."""
+        nearest = np.full((len(points_m), 2), np.inf)
+        for columns, beyond in ((self._boxes, _beyond_box), (self._cylinders, _beyond_cylinder)):
+            for rows in columns.chunks(len(points_m)):
+                distance = columns.plumb(points_m[rows], beyond)
+                nearest[rows] = np.minimum(nearest[rows], distance)
+        return nearest
+
     def clearance(self, points_m: Floats) -> Floats:
         """Measure (n,) signed distances from (n, 3) points to the nearest surface; inf for none."""
         nearest = np.full(len(points_m), np.inf)
-        for columns, aside in ((self._boxes, _box_aside), (self._cylinders, _cylinder_aside)):
+        for columns, beyond in ((self._boxes, _beyond_box), (self._cylinders, _beyond_cylinder)):
             for rows in columns.chunks(len(points_m)):
-                distance = columns.distance(points_m[rows], aside)
+                distance = columns.distance(points_m[rows], beyond)
                 nearest[rows] = np.minimum(nearest[rows], distance)
         return nearest
 
@@ -101,9 +110,14 @@ class _Columns:
         top = np.array([p.top_m for p in prisms])
         self.axes = (np.ascontiguousarray(axes[:, 0].T), np.ascontiguousarray(axes[:, 1].T))
         self.half = (half[:, 0].copy(), half[:, 1].copy())
+        self.center_ne = np.ascontiguousarray(center.T)
         self.center = tuple((center * axes[:, i]).sum(axis=1) for i in (0, 1))
         self.middle_down = -(bottom + top) / 2.0
         self.half_height = (top - bottom) / 2.0
+        self._own = np.zeros((3, 3, self.count))
+        self._own[:2, 0], self._own[:2, 1], self._own[2, 2] = *self.axes, 1.0
+        self._middle = np.array((*self.center, self.middle_down))
+        self.size = np.array((*self.half, self.half_height))
 
     def chunks(self, rows: int) -> Iterator[slice]:
         """Cut the rows so that rows times shapes stay in the cache; nothing without shapes."""
@@ -115,6 +129,13 @@ class _Columns:
         along: Floats = points_m[:, :2] @ self.axes[axis]
         along -= self.center[axis]
         return along
+
+    def offsets(self, points_m: Floats) -> Floats:
+        """Turn (n, 3) points into (n, 3, m) coordinates from every shape's middle, x, y, down."""
+        own = points_m @ self._own.reshape(3, -1)
+        offsets: Floats = own.reshape(-1, 3, self.count)
+        offsets -= self._middle
+        return offsets
 
     def enter(self, origins_m: Floats, directions: Floats, span: Callable[..., Interval]) -> Floats:
         """Measure (r,) distances to the nearest shape that a ray enters."""
@@ -128,14 +149,24 @@ class _Columns:
         nearest: Floats = near.min(axis=1)
         return nearest
 
-    def distance(self, points_m: Floats, aside: Callable[..., Interval]) -> Floats:
+    def plumb(self, points_m: Floats, beyond: Beyond) -> Floats:
+        """Measure (n, 2) distances up and down to the nearest shape."""
+        offsets = self.offsets(points_m)
+        below, outside = offsets[:, 2] > 0.0, beyond(self, offsets)
+        gap = np.maximum(outside[:, -1], 0.0)
+        gap[outside[:, :-1].max(axis=1) >= 0.0] = np.inf
+        within = gap == 0.0
+        up = np.where(below | within, gap, np.inf).min(axis=1)
+        down = np.where(~below | within, gap, np.inf).min(axis=1)
+        return np.column_stack((up, down))
+
+    def distance(self, points_m: Floats, beyond: Beyond) -> Floats:
         """Measure (n,) signed distances to the nearest shape."""
-        x, y = aside(self, points_m)
-        z = np.abs(points_m[:, 2:] - self.middle_down) - self.half_height
-        inside = np.minimum(np.maximum(np.maximum(x, y), z), 0.0)
-        for part in (x, y, z):
-            np.maximum(part, 0.0, out=part)
-        nearest: Floats = (np.sqrt(x * x + y * y + z * z) + inside).min(axis=1)
+        outside = beyond(self, self.offsets(points_m))
+        inside = np.minimum(outside.max(axis=1), 0.0)
+        np.maximum(outside, 0.0, out=outside)
+        inside += np.sqrt(np.einsum("nkm,nkm->nm", outside, outside))
+        nearest: Floats = inside.min(axis=1)
         return nearest
 
 
@@ -170,17 +201,41 @@ def _cylinder_span(cylinders: _Columns, origins_m: Floats, directions: Floats) -
     return np.where(missed, np.inf, (-b - root) / a), np.where(missed, -np.inf, (-b + root) / a)
 
 
-def _box_aside(boxes: _Columns, points_m: Floats) -> Interval:
-    """Signed distances beyond the sides along x and y, (n, m) each."""
-    x, y = (np.abs(boxes.local(points_m, i)) - boxes.half[i] for i in (0, 1))
-    return x, y
+def _beyond_box(boxes: _Columns, offsets_m: Floats) -> Floats:
+    """Signed distances beyond the faces along x, y and down, (n, 3, m)."""
+    beyond = np.abs(offsets_m)
+    beyond -= boxes.size
+    return beyond
 
 
-def _cylinder_aside(cylinders: _Columns, points_m: Floats) -> Interval:
-    """Signed distances beyond the mantle, (n, m), and a second axis that never matters."""
-    beyond = np.hypot(cylinders.local(points_m, 0), cylinders.local(points_m, 1))
-    beyond -= cylinders.half[0]
-    return beyond, np.full_like(beyond, -np.inf)
+def _beyond_cylinder(cylinders: _Columns, offsets_m: Floats) -> Floats:
+    """Signed distances beyond the mantle and beyond the lids, (n, 2, m)."""
+    beyond = np.abs(offsets_m[:, 1:])
+    np.hypot(offsets_m[:, 0], offsets_m[:, 1], out=beyond[:, 0])
+    beyond -= cylinders.size[1:]
+    return beyond
+
+
+def _meet_boxes(boxes: _Columns, ring: Ring, max_range_m: float) -> None:
+    """Stop level rays at the boxes within the range."""
+    offsets = boxes.offsets(ring.origins_m)
+    outside = _beyond_box(boxes, offsets)
+    is_level = outside[:, 2] < 0.0
+    np.maximum(outside, 0.0, out=outside)
+    away = np.einsum("nkm,nkm->nm", outside[:, :2], outside[:, :2])
+    owner, box = np.nonzero(is_level & (away <= max_range_m**2))
+    if len(owner):
+        place, axes = offsets[owner, :2, box].T, (boxes.axes[0][:, box], boxes.axes[1][:, box])
+        ring.meet_boxes(owner, place, boxes.size[:2, box], axes)
+
+
+def _meet_cylinders(cylinders: _Columns, ring: Ring, max_range_m: float) -> None:
+    """Stop level rays at the cylinders within the range."""
+    outside = _beyond_cylinder(cylinders, cylinders.offsets(ring.origins_m))
+    owner, cylinder = np.nonzero((outside[:, 1] < 0.0) & (outside[:, 0] <= max_range_m))
+    if len(owner):
+        toward = cylinders.center_ne[:, cylinder].T - ring.origins_m[owner, :2]
+        ring.meet_discs(owner, toward, cylinders.half[0][cylinder])
 
 
 @dataclass(frozen=True)
@@ -204,89 +259,21 @@ class Room:
         nearest: Floats = np.maximum(reach.min(axis=1), 0.0)
         return nearest
 
+    def scan(self, ring: Ring) -> None:
+        """Stop level rays at the outer walls; 0 for who is already beyond."""
+        if np.isfinite(self.low_m[0]):
+            ring.meet_room(self.low_m[:2], self.high_m[:2])
+
+    def plumb(self, points_m: Floats) -> Floats:
+        """Measure (n, 2) distances up to the ceiling and down to the floor; 0 beyond them."""
+        down = points_m[:, 2]
+        away: Floats = np.column_stack((down - self.low_m[2], self.high_m[2] - down))
+        np.maximum(away, 0.0, out=away)
+        return away
+
     def clearance(self, points_m: Floats) -> Floats:
         """Measure (n,) signed distances to outer walls and ceiling, negative beyond them."""
         away = np.minimum(points_m - self.low_m, self.high_m - points_m)
         away[:, 2] = points_m[:, 2] - self.low_m[2]
         nearest: Floats = away.min(axis=1)
         return nearest
-
-
-def build_prisms(path: Path, spec: WorldSpec) -> list[Prism]:
-    """Turn the floor plan into solids in NED; walls are cut at their doors.
-
-    WorldError for a wall without length, a door that does not fit, a shape above the ceiling.
-    """
-    prisms = []
-    for index, box in enumerate(spec.boxes):
-        prisms.append(_box(box, *_heights(path, f"boxes[{index}]", box, spec.ceiling_m)))
-    for index, wall in enumerate(spec.walls):
-        key = f"walls[{index}]"
-        prisms += _wall(path, key, wall, *_heights(path, key, wall, spec.ceiling_m))
-    for index, column in enumerate(spec.cylinders):
-        heights = _heights(path, f"cylinders[{index}]", column, spec.ceiling_m)
-        prisms.append(_cylinder(column, *heights))
-    return prisms
-
-
-def _heights(
-    path: Path, key: str, shape: BoxSpec | WallSpec | CylinderSpec, ceiling_m: float | None
-) -> tuple[float, float]:
-    """Find bottom and top; a shape that names no height reaches to the ceiling."""
-    limit = OPEN_SKY_HEIGHT_M if ceiling_m is None else ceiling_m
-    if shape.height_m is not None:
-        limit = shape.bottom_m + shape.height_m
-    if limit <= shape.bottom_m:
-        reason = f"{shape.bottom_m:g} m is not below its top at {limit:g} m"
-        raise WorldError(path, f"{key}.bottom_m", reason)
-    return shape.bottom_m, limit
-
-
-def _box(box: BoxSpec, bottom_m: float, top_m: float) -> Prism:
-    (x, y), (along, aside) = box.center_m, box.size_m
-    half = (along / 2.0, aside / 2.0)
-    return Prism((y, x), half, bottom_m, top_m, math.radians(box.yaw_deg))
-
-
-def _cylinder(cylinder: CylinderSpec, bottom_m: float, top_m: float) -> Prism:
-    x, y = cylinder.center_m
-    half = (cylinder.radius_m, cylinder.radius_m)
-    return Prism((y, x), half, bottom_m, top_m, round=True)
-
-
-def _wall(path: Path, key: str, wall: WallSpec, bottom_m: float, top_m: float) -> list[Prism]:
-    """Cut a wall into the pieces between its doors and the lintels above them."""
-    (x0, y0), (x1, y1) = wall.from_m, wall.to_m
-    length = math.hypot(x1 - x0, y1 - y0)
-    if length == 0.0:
-        raise WorldError(path, f"{key}.to_m", "is the same point as from_m")
-    yaw = math.atan2(y1 - y0, x1 - x0)
-
-    def piece(start: float, end: float, low_m: float) -> Prism:
-        share = (start + end) / 2.0 / length
-        center_ne = (y0 + share * (y1 - y0), x0 + share * (x1 - x0))
-        return Prism(center_ne, ((end - start) / 2.0, wall.thickness_m / 2.0), low_m, top_m, yaw)
-
-    gaps = _gaps(path, key, wall, length)
-    edges = [0.0, *(edge for start, end, _ in gaps for edge in (start, end)), length]
-    spans = zip(edges[::2], edges[1::2], strict=True)
-    pieces = [piece(start, end, bottom_m) for start, end in spans if end > start]
-    lintels = [(start, end, bottom_m + height) for start, end, height in gaps]
-    return pieces + [piece(start, end, low) for start, end, low in lintels if low < top_m]
-
-
-def _gaps(path: Path, key: str, wall: WallSpec, length: float) -> list[tuple[float, float, float]]:
-    """Order the doors along a wall: start m, end m, height m (inf without a lintel)."""
-    gaps = []
-    last = 0.0
-    for index, door in sorted(enumerate(wall.doors), key=lambda item: item[1].at_m):
-        start, end = door.at_m - door.width_m / 2.0, door.at_m + door.width_m / 2.0
-        if start < -1e-9 or end > length + 1e-9:
-            reason = f"{door.at_m:g} m puts the door beyond the wall, which is {length:g} m long"
-            raise WorldError(path, f"{key}.doors[{index}].at_m", reason)
-        if start < last - 1e-9:
-            reason = f"{door.at_m:g} m puts the door into another door"
-            raise WorldError(path, f"{key}.doors[{index}].at_m", reason)
-        last = end
-        gaps.append((start, end, math.inf if door.height_m is None else door.height_m))
-    return gaps

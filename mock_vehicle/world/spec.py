@@ -1,4 +1,4 @@
-"""World files: the models that a floor plan in YAML must satisfy, and errors that name the key."""
+"""World files: the models that a floor plan in YAML must satisfy."""
 
 from __future__ import annotations
 
@@ -6,23 +6,13 @@ import difflib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
-from pydantic import ValidationError as PydanticError
-from pydantic_core import ErrorDetails, PydanticCustomError
-
-from mock_vehicle.errors import WorldError
+from pydantic_core import PydanticCustomError
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
 Fraction = Annotated[Number, Field(ge=0, le=1)]
-_IN_OUR_WORDS = {
-    "missing": "is required",
-    "tuple_type": "should be a list",
-    "model_type": "should hold keys",
-    "float_type": "should be a number",
-}
 Point = tuple[Number, Number]
 Extent = tuple[Positive, Positive]
 
@@ -289,45 +279,3 @@ class WorldSpec(_Section):
     """The other sensors."""
     faults: tuple[FaultSpec, ...] = ()
     """What breaks."""
-
-
-def read_spec(path: Path) -> WorldSpec:
-    """Read and validate a world file; WorldError when it cannot be read or says something wrong."""
-    data = _read_yaml(path)
-    try:
-        return WorldSpec.model_validate(data)
-    except PydanticError as error:
-        detail = error.errors(include_url=False)[0]
-        raise WorldError(path, _key(detail), _reason(detail)) from error
-
-
-def _read_yaml(path: Path) -> dict[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise WorldError(path, "", f"cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise WorldError(path, "", "is not UTF-8 text") from error
-    except yaml.YAMLError as error:
-        raise WorldError(path, "", "is not YAML: " + " ".join(str(error).split())) from error
-    if not isinstance(data, dict):
-        raise WorldError(path, "", "should hold keys like name: and size_m:")
-    return data
-
-
-def _key(detail: ErrorDetails) -> str:
-    """Write pydantic's location as people do: `walls[0].doors[1].width_m`."""
-    parts = list(detail["loc"])
-    if parts[:1] == ["starts"]:
-        del parts[1:2]  # the tag of the union is no key of the file
-    parts += [detail["ctx"]["key"]] if detail["type"] == "unknown_key" else []
-    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).lstrip(".")
-
-
-def _reason(detail: ErrorDetails) -> str:
-    """Say what is wrong in the words of the file, with the value if it is short."""
-    message = _IN_OUR_WORDS.get(detail["type"], detail["msg"])
-    message = message.removeprefix("Input ").removeprefix("Tuple ").replace(" after validation", "")
-    silent = detail["type"] in {"missing", "unknown_key", "starts"}
-    value = detail["input"]
-    return message if silent or isinstance(value, dict | list) else f"{message}, not {value!r}"

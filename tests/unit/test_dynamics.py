@@ -240,3 +240,14 @@ def test_vehicles_do_not_disturb_each_other() -> None:
 def test_each_vehicle_needs_its_limits() -> None:
     with pytest.raises(ValueError, match="2 vehicles need 2 limits"):
         Dynamics(2, np.zeros((2, 3)), np.zeros(2), [LIMITS["px4"]])
+
+
+def test_who_is_stopped_keeps_what_leads_along_the_surface() -> None:
+    limits = LIMITS["px4"]
+    dynamics = Dynamics(2, [[0.0, 0.0, -2.0], [5.0, 0.0, -2.0]], [0.0, 0.0], [limits, limits])
+    dynamics.velocity_ned_m_s[:] = (3.0, 1.0, 0.0)
+    south = np.array([[-1.0, 0.0, 0.0]])
+    dynamics.stop_along(np.array([1]), south)
+    assert dynamics.velocity_ned_m_s.tolist() == [[3.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
+    dynamics.stop_along(np.array([0]), -south)  # away from the surface nothing is taken
+    assert dynamics.velocity_ned_m_s[0].tolist() == [3.0, 1.0, 0.0]

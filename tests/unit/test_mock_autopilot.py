@@ -428,6 +428,51 @@ def test_six_rangefinders_come_together(personality: Personality) -> None:
 
 
 @both
+def test_the_ring_comes_on_request_alone(personality: Personality) -> None:
+    client = Client(personality)
+    client.readings.ring_m[0] = 3.0 + 0.05 * np.arange(72)
+    client.readings.ring_m[0, 10:20] = math.inf
+    client.fly(3.0)
+    assert not client.times("OBSTACLE_DISTANCE")
+    assert client.command(511, 330, 2e5) == [(511, ACCEPTED)]
+    client.fly(2.0)
+    assert len(client.times("OBSTACLE_DISTANCE")) in {10, 11}
+    ring = client.last("OBSTACLE_DISTANCE")
+    assert (ring.get_srcComponent(), ring.frame, ring.sensor_type) == (1, 12, 0)
+    assert (ring.increment, ring.increment_f, ring.angle_offset) == (5, 5.0, 0.0)
+    assert (ring.min_distance, ring.max_distance) == (0.2 * 100, 1000)
+    expected = [300 + 5 * ray for ray in range(72)]
+    expected[10:20] = [1001] * 10
+    assert ring.distances == expected
+    client.command(511, 330, -1)
+    client.heard.clear()
+    client.fly(1.0)
+    assert not client.times("OBSTACLE_DISTANCE")
+
+
+@both
+def test_a_broken_ring_is_not_sent(personality: Personality) -> None:
+    client = Client(personality)
+    client.command(511, 330, 1e5)
+    client.readings.ring_m[:] = math.nan
+    assert not client.tick("OBSTACLE_DISTANCE")
+
+
+@both
+def test_a_range_that_fits_no_field_is_nothing_in_range(personality: Personality) -> None:
+    client = Client(personality)
+    client.readings.range_max_m = 900.0
+    client.readings.ranges_m[0] = client.readings.ring_m[0, :6] = (1.0, 654.0, 656.0, 800, 900, 5)
+    client.command(511, 132, 1e5)
+    client.command(511, 330, 1e5)
+    heard = client.tick()
+    six = [m.current_distance for m in heard if m.get_type() == "DISTANCE_SENSOR"]
+    (ring,) = (m.distances for m in heard if m.get_type() == "OBSTACLE_DISTANCE")
+    assert six == ring[:6] == [100, 65400, 65401, 65401, 65401, 500]
+    assert ring[6:] == [65401] * 66
+
+
+@both
 def test_a_peer_comes_from_the_radio_with_its_bearing(personality: Personality) -> None:
     client = Client(personality)
     directions = [(0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.6, 0.0, -0.8)]

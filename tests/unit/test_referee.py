@@ -8,7 +8,8 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
-from mock_vehicle.referee import Contacts, Coverage
+from mock_vehicle.coverage import Coverage
+from mock_vehicle.referee import Contacts
 from mock_vehicle.world import World, load_world
 
 UP = np.array([True])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mock_vehicle.sensors.battery import HOVER_W, Batteries
 from mock_vehicle.sensors.infrared import Infrared
-from mock_vehicle.sensors.rangefinder import Rangefinders, sphere_ranges
+from mock_vehicle.sensors.rangefinder import RING, Rangefinders, Ranges
 from mock_vehicle.world import World, load_world
 
 FRONT, BACK, LEFT, RIGHT, UP, DOWN = range(6)
@@ -46,6 +46,19 @@ def look(
     near: tuple[Any, Any] = NOBODY,
     range_max_m: float = 20.0,
 ) -> NDArray[np.float64]:
+    return look_around(
+        world, *positions, yaw=yaw, noise_m=noise_m, near=near, range_max_m=range_max_m
+    ).sensors_m
+
+
+def look_around(
+    world: World,
+    *positions: tuple[float, float, float],
+    yaw: float = NORTH,
+    noise_m: float = 0.0,
+    near: tuple[Any, Any] = NOBODY,
+    range_max_m: float = 20.0,
+) -> Ranges:
     eyes = Rangefinders(range_max_m=range_max_m, noise_m=noise_m, rng=np.random.default_rng(1))
     at = np.array(positions)
     return eyes.measure(world, at, np.full(len(at), yaw), near)
@@ -100,10 +113,23 @@ def test_peers_are_obstacles(room: World) -> None:
     assert look(room, (4.0, 5.0, -1.0), (6.0, 5.0, -0.5), near=pair)[0, FRONT] > 5.0
 
 
-def test_a_beam_that_misses_a_sphere_reads_nothing() -> None:
-    beams = np.array([[[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0]]])
-    ranges = sphere_ranges(beams, np.array([[2.0, 0.0, 0.0]]))
-    assert ranges.tolist() == [[pytest.approx(1.7), math.inf, math.inf]]
+def test_peers_straight_above_and_below_are_seen_too(room: World) -> None:
+    pair = (np.array([0, 1]), np.array([1, 0]))
+    ranges = look(room, (4.0, 5.0, -1.0), (4.0, 5.1, -2.5), near=pair)
+    reach = 1.5 - math.sqrt(0.3**2 - 0.1**2)
+    assert ranges[0, UP] == pytest.approx(reach)
+    assert ranges[1, DOWN] == pytest.approx(reach)
+    assert ranges[0, DOWN] == pytest.approx(1.0)
+    assert ranges[1, UP] == pytest.approx(1.5)
+
+
+def test_the_ring_holds_every_level_ray_clockwise_from_the_nose(room: World) -> None:
+    seen = look_around(room, (4.0, 5.0, -1.0), yaw=EAST)
+    assert seen.ring_m.shape == (1, RING)
+    right, back, left = (seen.ring_m[0, quarter * RING // 4] for quarter in (1, 2, 3))
+    assert [seen.ring_m[0, 0], right, back, left] == pytest.approx([4.95, 4.0, 5.0, 6.0])
+    assert seen.ring_m[0, 1] == pytest.approx(4.95 / math.cos(math.radians(5)))
+    np.testing.assert_array_equal(seen.sensors_m[0, :4].min(), seen.ring_m.min())
 
 
 def test_a_victim_is_reported_in_the_body_frame(room: World) -> None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mock_vehicle.errors import WorldError
-from mock_vehicle.world import World, load_world
+from mock_vehicle.world import Ring, World, load_world
 
 Floats = NDArray[np.float64]
 Build = Callable[..., World]
@@ -285,6 +285,44 @@ def test_many_shapes_and_many_rays_agree_with_one_by_one(build: Build) -> None:
     np.testing.assert_allclose(together, alone)
 
 
+@settings(max_examples=60, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+@given(plan=plans, seed=st.integers(0, 1000))
+def test_a_scan_reads_what_its_rays_cast_one_by_one_would(
+    tmp_path_factory: pytest.TempPathFactory, plan: dict[str, Any], seed: int
+) -> None:
+    world = load_world(write(tmp_path_factory.mktemp("plan"), **json.loads(json.dumps(plan))))
+    compare_scan_with_cast(world, np.random.default_rng(seed), 30)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_scan_of_a_shipped_world_reads_what_its_rays_would(path: Path) -> None:
+    compare_scan_with_cast(load_world(path), np.random.default_rng(1), 100)
+
+
+def compare_scan_with_cast(world: World, rng: np.random.Generator, n: int) -> None:
+    """From anywhere, also from inside of solids, beyond the walls and below the floor."""
+    low, high = world.low_ned_m - 0.3, world.high_ned_m + 0.3
+    origins = rng.uniform(low, high, (n, 3))
+    # along an axis and beyond a wall it is a matter of taste whether that wall is in the way
+    origins[-4:] = np.clip(origins[-4:], low + 0.31, high - 0.31)
+    noses = np.append(rng.uniform(-math.pi, math.pi, n - 4), [0.0, math.pi / 2, -math.pi, 3.0])
+    ring = Ring(origins, noses, 72)
+    world.scan(ring, 8.0)
+    one_by_one = world.cast(np.repeat(origins, 72, axis=0), ring.directions(), 8.0)
+    np.testing.assert_allclose(ring.ranges_m.ravel(), one_by_one, atol=1e-6)
+    upright = np.tile([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], (n, 1))
+    up_and_down = world.cast(np.repeat(origins, 2, axis=0), upright, 8.0)
+    np.testing.assert_allclose(world.plumb(origins, 8.0).ravel(), up_and_down, atol=1e-6)
+
+
+def test_a_scan_in_a_row_with_walls_is_no_matter_of_division(build: Build) -> None:
+    room = build(boxes=[{"center_m": [10, 5], "size_m": [2, 2]}])
+    ring = Ring(np.vstack([ned(5, 3), ned(8, 1), ned(11, 5), ned(10, 5)]), np.zeros(4), 4)
+    room.scan(ring, 50.0)
+    expected = [[7, 15, 3, 5], [9, 12, 1, 8], [5, 9, 5, 0], [0, 0, 0, 0]]
+    np.testing.assert_allclose(ring.ranges_m, expected, atol=1e-9)
+
+
 def gaps(points: Floats) -> Floats:
     """Distances between all pairs of points."""
     first, second = np.triu_indices(len(points), 1)
@@ -487,6 +525,41 @@ def test_a_wrong_file_is_refused_in_one_sentence(
     tmp_path: Path, keys: dict[str, Any], sentence: str
 ) -> None:
     assert refusal(tmp_path, **keys).startswith(sentence)
+
+
+def test_no_vehicle_starts_in_a_sealed_pocket(build: Build) -> None:
+    seal = {"from_m": [13, 0], "to_m": [13, 10]}
+    rule = {"random": {"margin_m": 0.3, "spacing_m": 0.8}}
+    sealed = build(walls=[seal], starts=rule)
+    for seed in range(5):
+        assert (sealed.starts(20, seed)[0][:, 1] < 13.0).all()
+    open_wall = {**seal, "doors": [{"at_m": 5.0, "width_m": 1.0}]}
+    assert (build(walls=[open_wall], starts=rule).starts(20, 1)[0][:, 1] > 13.0).any()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("name: x\nsize_m: [1, 1]\nname: y\n", "name: is given twice, in lines 1 and 3"),
+        ("name: x\nradio:\n  delay_s: 1\n  delay_s: 1\n", "delay_s: is given twice, in lines 3"),
+        ("name: x\nradio: {delay_s: 1, delay_s: 2}", "delay_s: is given twice, in lines 2 and 2"),
+    ],
+)
+def test_a_key_that_is_given_twice_is_refused(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "twice.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(WorldError) as caught:
+        load_world(path)
+    assert str(caught.value).startswith(f"{path}: {sentence}")
+
+
+def test_equal_keys_of_different_sections_and_merged_ones_are_fine(tmp_path: Path) -> None:
+    path = tmp_path / "merged.yaml"
+    path.write_text(
+        "name: x\nsize_m: [20, 10]\n"
+        "boxes:\n  - &box {center_m: [3, 3], size_m: [1, 1]}\n  - {<<: *box, center_m: [9, 5]}\n"
+    )
+    assert [box.center_m for box in load_world(path).spec.boxes] == [(3, 3), (9, 5)]
 
 
 @pytest.mark.parametrize(

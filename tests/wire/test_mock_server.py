@@ -273,6 +273,33 @@ def test_a_missing_world_and_a_taken_port_are_named(world: Path, start: Start) -
     assert f"127.0.0.1:{port}" in complaint
 
 
+def test_the_schema_of_world_files_needs_no_world(start: Start) -> None:
+    mock = start("--schema")
+    out, _ = mock.process.communicate(timeout=PATIENCE_S)
+    assert mock.process.returncode == 0
+    schema = json.loads(out)
+    assert schema["required"] == ["name"]
+    assert schema["properties"]["size_m"]["description"].startswith("Extent in x and y")
+
+
+def test_setpoints_are_noted_when_they_arrive_and_not_at_the_last_step(
+    world: Path, start: Start, meet: Meet, tmp_path: Path
+) -> None:
+    # 110 ms apart; counted in steps of 20 ms they would seem 100 or 120 ms apart.
+    mock = start(world, "--port", 0, "--json", "--out", tmp_path / "truth")
+    (port,) = mock.line()["ready"]["ports"]
+    companion = meet(port, 1)
+    begin = time.monotonic()
+    for number in range(30):
+        time.sleep(max(0.0, begin + 0.110 * number - time.monotonic()))  # noqa: TID251
+        companion.climb()
+    code, _, _ = mock.wait()
+    assert code == 0
+    jitter_ms = json.loads((tmp_path / "truth/truth.json").read_text())["setpoint_jitter_p99_ms"]
+    assert jitter_ms > 9.0
+    assert abs(jitter_ms - 20.0 * round(jitter_ms / 20.0)) > 1e-3
+
+
 def test_ports_are_those_of_the_real_simulators() -> None:
     def ports(base: int | None, remote: str | None = None) -> list[tuple[int, object]]:
         planned = plan_ports(["px4", "ardupilot"], host="127.0.0.1", base=base, remote=remote)

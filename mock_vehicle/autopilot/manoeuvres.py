@@ -1,0 +1,166 @@
+"""What a mode makes a flying vehicle do: each manoeuvre steers by the latest state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+from mock_vehicle.autopilot.traits import Manoeuvre
+from mock_vehicle.dynamics import Control
+
+if TYPE_CHECKING:
+    from mock_vehicle.autopilot.base import Autopilot
+
+NAN = math.nan
+Vector = tuple[float, float, float]
+STILL: Vector = (0.0, 0.0, 0.0)
+NOWHERE: Vector = (NAN, NAN, NAN)
+BRAKED_M_S = 0.3
+"""Slower than this a vehicle that was told to hold takes its position."""
+HOME_REACHED_M = 0.5
+REACTION_S = 0.3
+"""A climb is planned this far ahead: ticks, delays and jerk limits eat as much."""
+
+
+class Setpoint(NamedTuple):
+    """An understood SET_POSITION_TARGET_LOCAL_NED in local NED; NaN is not given."""
+
+    position_m: Vector = NOWHERE
+    velocity_m_s: Vector = NOWHERE
+    acceleration_m_s2: Vector = NOWHERE
+    yaw_rad: float = NAN
+    yaw_rate_rad_s: float = NAN
+
+    @property
+    def is_position_only(self) -> bool:
+        """Whether it may be flown for ever."""
+        return self.velocity_m_s == STILL or not any(
+            map(math.isfinite, self.velocity_m_s + self.acceleration_m_s2)
+        )
+
+    def climbs_from(self, down_m: float) -> bool:
+        """Whether it asks to leave the ground."""
+        climbs_to = self.position_m[2] < down_m - 0.1
+        return climbs_to or self.velocity_m_s[2] < -0.05 or self.acceleration_m_s2[2] < 0.0
+
+
+STOP = Setpoint(velocity_m_s=STILL)
+
+
+def rotated(vector: Vector, yaw_rad: float) -> Vector:
+    """Turn a level body vector (forward, right, down) into NED."""
+    forward, right, down = vector
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    return (cos * forward - sin * right, sin * forward + cos * right, down)
+
+
+def fall(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001 - manoeuvres have one signature
+    """Leave the motors off."""
+    autopilot.truth.control[autopilot.index] = Control.OFF
+
+
+def sink(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
+    """Descend level, wherever the wind blows."""
+    autopilot.command(Control.VELOCITY, (0.0, 0.0, autopilot.traits.sink_m_s))
+
+
+def hold(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
+    """Brake, then hold the place where the vehicle has come to rest."""
+    state = autopilot.state
+    if autopilot.hold_at is None and abs(state.down_m_s) < BRAKED_M_S:
+        _stay_when_braked(autopilot)
+    if autopilot.hold_at is None:
+        autopilot.command(Control.VELOCITY)
+    else:
+        autopilot.command(Control.POSITION, position_m=autopilot.hold_at)
+
+
+def take_off(autopilot: Autopilot, now: float) -> None:
+    """Climb straight up to the height of the take-off, slower near its end."""
+    state, traits = autopilot.state, autopilot.traits
+    if autopilot.hold_at is None:
+        autopilot.hold_at = (state.north_m, state.east_m, -autopilot.takeoff_height_m)
+    missing = state.down_m + autopilot.takeoff_height_m
+    if missing <= traits.takeoff_slack_m:
+        autopilot.takeoff_done(now)
+        return
+    soon = max(missing + REACTION_S * state.down_m_s, 0.0)
+    braking = math.sqrt(2.0 * traits.limits.vertical.position_accel_m_s2 * soon)
+    climb = min(traits.takeoff_gain_1_s * soon, traits.takeoff_speed_m_s, braking)
+    north, east, _ = autopilot.hold_at
+    autopilot.command(Control.POSITION, (0.0, 0.0, -climb), (north, east, NAN))
+
+
+def follow_setpoint(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
+    """Fly the last setpoint; an acceleration alone is a velocity that grows."""
+    setpoint = autopilot.setpoint
+    velocity = setpoint.velocity_m_s
+    if not all(map(math.isfinite, velocity)):
+        velocity = _velocity(autopilot)
+    has_position = any(map(math.isfinite, setpoint.position_m))
+    autopilot.command(
+        Control.POSITION if has_position else Control.VELOCITY,
+        velocity,
+        setpoint.position_m,
+        setpoint.yaw_rad,
+        setpoint.yaw_rate_rad_s,
+    )
+
+
+def go_home(autopilot: Autopilot, now: float) -> None:
+    """Fly back above home at this height, then land."""
+    state = autopilot.state
+    if autopilot.hold_at is None:
+        autopilot.hold_at = (0.0, 0.0, state.down_m)
+    if math.hypot(state.north_m, state.east_m) < HOME_REACHED_M:
+        autopilot.begin(Manoeuvre.LAND, now)
+    else:
+        autopilot.command(Control.POSITION, position_m=autopilot.hold_at)
+
+
+def land(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
+    """Brake, and descend where the vehicle is."""
+    height = -autopilot.state.down_m
+    speed = next(speed for above, speed in autopilot.traits.land_speeds_m_s if height > above)
+    if autopilot.hold_at is None:
+        _stay_when_braked(autopilot)
+    if autopilot.hold_at is None:
+        autopilot.command(Control.VELOCITY, (0.0, 0.0, speed))
+    else:
+        north, east, _ = autopilot.hold_at
+        autopilot.command(Control.POSITION, (0.0, 0.0, speed), (north, east, NAN))
+
+
+def _stay_when_braked(autopilot: Autopilot) -> None:
+    """Take this place to hold, once the vehicle is slow."""
+    state = autopilot.state
+    if math.hypot(state.north_m_s, state.east_m_s) < BRAKED_M_S:
+        autopilot.hold_at = state[:3]
+
+
+def _velocity(autopilot: Autopilot) -> Vector:
+    """Complete the velocity of a setpoint that does not give all its axes."""
+    setpoint = autopilot.setpoint
+    gain = autopilot.traits.limits.horizontal.velocity_gain_1_s
+    axes = zip(setpoint.velocity_m_s, setpoint.acceleration_m_s2, autopilot.state[3:6], strict=True)
+    north, east, down = (
+        wanted
+        if math.isfinite(wanted)
+        else current + acceleration / gain
+        if math.isfinite(acceleration)
+        else 0.0
+        for wanted, acceleration, current in axes
+    )
+    return (north, east, down)
+
+
+FLY: Mapping[Manoeuvre, Callable[[Autopilot, float], None]] = {
+    Manoeuvre.HOLD: hold,
+    Manoeuvre.TAKEOFF: take_off,
+    Manoeuvre.SETPOINT: follow_setpoint,
+    Manoeuvre.RETURN: go_home,
+    Manoeuvre.LAND: land,
+    Manoeuvre.SINK: sink,
+    Manoeuvre.FALL: fall,
+}

@@ -1,0 +1,142 @@
+"""What autopilots differ in: modes, manoeuvres, and the numbers measured on the real ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum, IntEnum, auto
+
+from mock_vehicle.dynamics import Limits
+
+
+class LandedState(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class SystemStatus(IntEnum):
+    """MAV_STATE."""
+
+    UNINIT = 0
+    BOOT = 1
+    STANDBY = 3
+    ACTIVE = 4
+    CRITICAL = 5
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY."""
+
+    CRITICAL = 2
+    WARNING = 4
+    INFO = 6
+
+
+class Manoeuvre(Enum):
+    """What a mode makes the vehicle do in the air."""
+
+    HOLD = auto()
+    TAKEOFF = auto()
+    SETPOINT = auto()
+    RETURN = auto()
+    LAND = auto()
+    SINK = auto()
+    """A pilot's mode without a pilot: level, descending."""
+    FALL = auto()
+    """A pilot's mode without a pilot: throttle closed."""
+
+
+FLIGHT_STATES: Mapping[Manoeuvre, LandedState] = {
+    Manoeuvre.HOLD: LandedState.IN_AIR,
+    Manoeuvre.TAKEOFF: LandedState.TAKEOFF,
+    Manoeuvre.SETPOINT: LandedState.IN_AIR,
+    Manoeuvre.RETURN: LandedState.IN_AIR,
+    Manoeuvre.LAND: LandedState.LANDING,
+    Manoeuvre.SINK: LandedState.IN_AIR,
+    Manoeuvre.FALL: LandedState.IN_AIR,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """One row of an autopilot's mode table."""
+
+    name: str
+    base_mode: int
+    """HEARTBEAT.base_mode while disarmed."""
+    manoeuvre: Manoeuvre
+    can_arm: bool = False
+    can_enter_flying: bool = True
+    """False for modes that want a pilot or a mission the mock does not have."""
+    can_enter: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """The numbers in which two autopilots differ; all measured, see `reference/`."""
+
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    capabilities: int
+    """MAV_PROTOCOL_CAPABILITY bits."""
+    flight_sw_version: int
+    limits: Limits
+    modes: Mapping[int, Mode]
+    """By custom_mode."""
+    first_mode: int
+    sensors: int
+    """MAV_SYS_STATUS_SENSOR bits present and enabled."""
+    default_intervals_s: Mapping[int, float]
+    """Streams that flow unasked, by message id."""
+    fixed_streams: frozenset[int]
+    """Message ids whose interval nobody may change."""
+    denial: int
+    """MAV_RESULT for arming or disarming at the wrong time."""
+    arm_nan_result: int | None
+    """MAV_RESULT for an arm command that says NaN; None is silence."""
+    arm_other_result: int | None
+    """MAV_RESULT for an arm command that says neither 0 nor 1."""
+    interval_refusal: int
+    """MAV_RESULT for the interval of an unknown message."""
+    request_refusal: int
+    """MAV_RESULT for the request of an unknown message."""
+    vtol_state: int
+    """MAV_VTOL_STATE in EXTENDED_SYS_STATE."""
+    texts_armed: tuple[str, ...]
+    texts_disarmed: tuple[str, ...]
+    texts_disarmed_by_landing: tuple[str, ...]
+    texts_takeoff: tuple[str, ...]
+    texts_landing: tuple[str, ...]
+    not_landed_texts: tuple[str, ...]
+    """Said when a disarm command comes in flight."""
+    idle_disarm_s: float
+    """Armed without leaving the ground for this long disarms."""
+    touchdown_s: float
+    """From touching the ground to ON_GROUND."""
+    landed_disarm_s: float
+    """From ON_GROUND to disarmed."""
+    disarms_wherever_landed: bool
+    """True when a landing in any mode disarms, not in a landing mode alone."""
+    takeoff_announced_s: float
+    """From the take-off (or arming) to landed_state TAKEOFF."""
+    takeoff_lift_s: float
+    """From the take-off (or arming) to leaving the ground."""
+    takeoff_speed_m_s: float
+    takeoff_gain_1_s: float
+    """Climb rate per height missing; larger arrives more abruptly."""
+    takeoff_slack_m: float
+    """The take-off is over this far below its height."""
+    setpoint_announced_s: float | None
+    """From arming to IN_AIR when a setpoint climbs; None where setpoints never leave the ground."""
+    setpoint_lift_s: float
+    """From arming to leaving the ground by a setpoint."""
+    setpoint_timeout_s: float
+    """Silence after which the last velocity is not flown any more."""
+    land_speeds_m_s: tuple[tuple[float, float], ...]
+    """(above this height, descend so fast), highest first."""
+    sink_m_s: float
+    """Descent in a pilot's mode without a pilot."""
