@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import os
 import signal
 import sys
 import time
@@ -12,20 +13,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
 
 import swarm_ctl
-from swarm_ctl.errors import SwarmError
-from swarm_ctl.flight import Faults, finish
+from swarm_ctl.errors import MockError, SwarmError
+from swarm_ctl.flight import Faults, discard, finish
 from swarm_ctl.mission import Mission, load_mission, mission_schema
 from swarm_ctl.model import Operator
 from swarm_ctl.progress import ProgressView
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.summary import report_lines
-from swarm_ctl.run import UdpRun
+from swarm_ctl.run import STOP_SIGNALS, TWICE, UdpRun
+
+if TYPE_CHECKING:
+    from swarm_ctl.experiment.arena import Arena
 
 REFRESH_S = 0.25
 BAD_INPUT, NOT_FLOWN, INTERRUPTED = 2, 1, 130
@@ -58,9 +62,9 @@ def main() -> None:
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
         app()
-    except SwarmError as error:
+    except (SwarmError, OSError) as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(str(error), markup=False)
-        sys.exit(BAD_INPUT)
+        sys.exit(BAD_INPUT if isinstance(error, SwarmError) else NOT_FLOWN)
 
 
 def _version(wanted: bool) -> None:
@@ -106,7 +110,8 @@ def run(
 ) -> None:
     """Fly a mission against mock vehicles and write its record.
 
-    Exit status: 0 flown, 1 not flown, 2 bad input, 130 interrupted (Ctrl-C lands everybody).
+    Exit status: 0 flown, 1 not flown, 2 bad input, 130 interrupted (Ctrl-C or SIGTERM
+    lands everybody, a second one ends at once).
     """
     chosen = load_mission(
         mission,
@@ -119,12 +124,23 @@ def run(
     )
     faults = Faults.parse(fault or [], chosen.vehicles)
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
+    is_ours = out is None or not out.exists()
     folder = RunFolder.create(out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode)
-    fly = _fly_virtual if virtual else _fly_udp
+    console = _Console(highlight=False)
     began = time.monotonic()
-    facts = fly(chosen, folder, faults, speed)
-    summary = finish(chosen, folder, mode=mode, wall_s=time.monotonic() - began, **facts)
-    Console(highlight=False).print(report_lines(summary, folder.path))
+    with _interrupts() as interrupts:
+        try:
+            if virtual:
+                facts = _fly_virtual(chosen, folder, faults, console, interrupts)
+            else:
+                facts = _fly_udp(chosen, folder, faults, console, speed)
+        except (SwarmError, KeyboardInterrupt):  # the mock would not, or may not, start
+            discard(folder, is_ours=is_ours)
+            raise
+        wall_s = time.monotonic() - began
+        with console.status("writing the record"):
+            summary = finish(chosen, folder, mode=mode, wall_s=wall_s, **facts)
+    console.print(report_lines(summary, folder.path))
     codes = {"flown": 0, "interrupted": INTERRUPTED}
     raise typer.Exit(codes.get(summary["outcome"], NOT_FLOWN))
 
@@ -150,10 +166,14 @@ def check(
     from swarm_ctl.experiment.check import check_world  # noqa: PLC0415 - needs the mock's world
 
     facts = check_world(chosen)
+    victims = f"{facts.victims} victim{'' if facts.victims == 1 else 's'}"
+    vehicles_explore = (
+        "1 vehicle explores" if chosen.vehicles == 1 else f"{chosen.vehicles} vehicles explore"
+    )
     typer.echo(
-        f"{mission}: {chosen.name} is fine: {chosen.vehicles} vehicles explore {facts.name} "
+        f"{mission}: {chosen.name} is fine: {vehicles_explore} {facts.name} "
         f"({facts.size}) for {chosen.duration_s:g} s with {chosen.planner.kind} "
-        f"in {chosen.planner.dimensions} dimensions; {facts.victims} victims to find"
+        f"in {chosen.planner.dimensions} dimensions; {victims} to find"
     )
 
 
@@ -163,15 +183,30 @@ def schema() -> None:
     typer.echo(json.dumps(mission_schema(), indent=2))
 
 
-def _fly_udp(mission: Mission, folder: RunFolder, faults: Faults, speed: float) -> dict[str, Any]:
+class _Console(Console):
+    """Prints on while somebody reads; the flight does not depend on it."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _fly_udp(
+    mission: Mission, folder: RunFolder, faults: Faults, console: Console, speed: float
+) -> dict[str, Any]:
     flight = UdpRun(mission, folder, speed=speed, faults=faults)
-    with ProgressView(mission) as view:
+    with ProgressView(mission, console) as view:
 
         def show(flight: UdpRun) -> None:
             snapshots = [controller.agent.snapshot() for controller in flight.controllers]
             view.update(flight.now, snapshots, flight.referee)
 
-        asyncio.run(flight.fly(show))
+        try:
+            asyncio.run(flight.fly(show))
+        except MockError:
+            if flight.interrupted:
+                raise KeyboardInterrupt from None
+            raise
     return {
         "controllers": flight.controllers,
         "time_s": flight.now,
@@ -181,18 +216,17 @@ def _fly_udp(mission: Mission, folder: RunFolder, faults: Faults, speed: float) 
 
 
 def _fly_virtual(
-    mission: Mission, folder: RunFolder, faults: Faults, _speed: float
+    mission: Mission, folder: RunFolder, faults: Faults, console: Console, interrupts: _Interrupts
 ) -> dict[str, Any]:
     from swarm_ctl.experiment.arena import Arena  # noqa: PLC0415 - the one door to the mock
 
     arena = Arena(mission, folder, faults)
-    with ProgressView(mission) as view, _interrupts() as interrupts:
+    with ProgressView(mission, console) as view:
         next_s = 0.0
 
         def show(arena: Arena) -> None:
             nonlocal next_s
-            if interrupts.pop_order():
-                arena.order(Operator.LAND)
+            interrupts.obey(arena)
             if time.monotonic() >= next_s:
                 next_s = time.monotonic() + REFRESH_S
                 snapshots = [controller.agent.snapshot() for controller in arena.controllers]
@@ -209,31 +243,37 @@ def _fly_virtual(
 
 
 class _Interrupts:
-    """Ctrl-C as an order to land; the second one ends at once."""
+    """Ctrl-C and SIGTERM as an order to land; the second ends at once, a third even the record."""
 
     def __init__(self) -> None:
         self.count = 0
-        self._ordered = False
+        self._obeyed = 0
 
     def __call__(self, _number: int, _frame: FrameType | None) -> None:
         self.count += 1
-        self._ordered = True
-        if self.count > 1:
+        if self.count > 2:
             raise KeyboardInterrupt
 
-    def pop_order(self) -> bool:
-        ordered, self._ordered = self._ordered, False
-        return ordered
+    def obey(self, arena: Arena) -> None:
+        """Pass on to a flight what was asked for since the last call."""
+        if self.count > self._obeyed and not self._obeyed:
+            arena.order(Operator.LAND)
+        if self.count > 1 and self._obeyed < 2 and not arena.is_over:
+            arena.notes.append(TWICE)
+            for controller in arena.controllers:
+                controller.kill(TWICE, arena.now)
+        self._obeyed = self.count
 
 
 @contextmanager
 def _interrupts() -> Iterator[_Interrupts]:
     interrupts = _Interrupts()
-    before = signal.signal(signal.SIGINT, interrupts)
+    before = {number: signal.signal(number, interrupts) for number in STOP_SIGNALS}
     try:
         yield interrupts
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 if __name__ == "__main__":

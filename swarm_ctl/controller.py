@@ -77,7 +77,7 @@ class Controller:
             reason=agent.trouble,
             messages_sent=agent.sender.sent,
             messages_received=agent.parser.stats.frames,
-            messages_lost=agent.parser.stats.lost,
+            messages_lost=agent.parser.lost_of(agent.sysid),
             victims=sorted(agent.victims),
             explored_from_s=agent.explored_from_s,
             explored_to_s=agent.explored_to_s,
@@ -120,16 +120,23 @@ async def fly(controller: Controller, link: Link, clock: Clock, *, offset_s: flo
     process that stalled does not send a burst of stale setpoints. `offset_s` spreads vehicles.
     """
     loop = asyncio.get_running_loop()
+    broken: list[Exception] = []
 
     def read() -> None:
-        for data in link.drain():
-            controller.receive(data, clock.now())
+        try:
+            for data in link.drain():
+                controller.receive(data, clock.now())
+        except Exception as error:  # noqa: BLE001 - raised where this vehicle's task can end by it
+            loop.remove_reader(link.fileno())
+            broken.append(error)
 
     loop.add_reader(link.fileno(), read)
     try:
         due_s = clock.now() + offset_s
         while not controller.agent.is_ended:
             await clock.sleep_until(due_s)
+            if broken:
+                raise broken[0]
             now = clock.now()
             data = controller.tick(now)
             if data:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Self
@@ -33,17 +35,21 @@ class Faults:
         """Sort out whose fault each one is; SwarmError names the one that cannot be."""
         controllers, mock = [], []
         for text in texts:
-            kind, _, rest = text.partition(":")
+            what, _, seconds = text.partition("@")
+            kind, _, sysid = what.partition(":")
             if kind != "controller":
                 mock.append(text)
                 continue
-            sysid, _, seconds = rest.partition("@")
             try:
                 fault = float(seconds), int(sysid)
             except ValueError:
                 raise SwarmError(f"--fault {text}: expected controller:SYSID@SECONDS") from None
-            if not 1 <= fault[1] <= vehicles or not fault[0] >= 0.0:
-                raise SwarmError(f"--fault {text}: the vehicles are 1 to {vehicles}")
+            if not 1 <= fault[1] <= vehicles:
+                raise SwarmError(
+                    f"--fault {text}: there is no vehicle {fault[1]}; they are 1 to {vehicles}"
+                )
+            if not 0.0 <= fault[0] < math.inf:
+                raise SwarmError(f"--fault {text}: needs a time from 0 s on")
             controllers.append(fault)
         return cls(tuple(sorted(controllers)), tuple(mock))
 
@@ -63,6 +69,19 @@ def controllers_for(mission: Mission, folder: RunFolder) -> list[Controller]:
         Controller(index, Agent(index + 1, orders, start_delay_s=index * spacing_s), folder)
         for index in range(mission.vehicles)
     ]
+
+
+def discard(folder: RunFolder, *, is_ours: bool) -> None:
+    """Remove the record of a run in which nothing flew; a folder that was there before stays."""
+    folder.close()
+    if is_ours:
+        shutil.rmtree(folder.path)
+        return
+    for entry in folder.path.iterdir():
+        if entry.is_dir():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
 
 
 def finish(

@@ -24,6 +24,8 @@ FULL_TABLE = 20
 """More vehicles than this are counted per phase; only those with something to say get a row."""
 HEADER_LINES = 7
 """Lines of the view that are no vehicle's."""
+BAR = 14
+"""Characters of the bar of what is explored: the line behind it fits into 80 columns."""
 
 STYLES = {
     "connecting": "bright_black",
@@ -136,13 +138,11 @@ def table(snapshots: Sequence[Snapshot], room: int = 1000) -> RenderableType:
         room = min(FULL_TABLE, room - 1)
         telling = [one for one in shown if _is_telling(one)]
         shown = sorted(telling, key=_rank)[: max(1, room)]
-    grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim", expand=True)
     grid.add_column("vehicle", justify="right", no_wrap=True)
     grid.add_column("phase", no_wrap=True, min_width=10)
-    grid.add_column("height", justify="right", no_wrap=True)
-    grid.add_column("battery", justify="right", no_wrap=True)
-    grid.add_column("hears", justify="right", no_wrap=True)
-    grid.add_column("victims", justify="right", no_wrap=True)
+    for name in ("height", "battery", "hears", "victims"):
+        grid.add_column(name, justify="right", no_wrap=True)
     grid.add_column("note", no_wrap=True, overflow="ellipsis", ratio=1)
     for one in shown:
         grid.add_row(*_cells(one))
@@ -169,8 +169,8 @@ def _score(referee: Mapping[str, Any]) -> Text:
     share = referee.get("coverage_fraction")
     if share is None:
         return line.append("the referee has not spoken yet", style="dim")
-    full = round(30 * min(1.0, max(0.0, share)))
-    line.append("━" * full, style="green").append("━" * (30 - full), style="bright_black")
+    full = round(BAR * min(1.0, max(0.0, share)))
+    line.append("━" * full, style="green").append("━" * (BAR - full), style="bright_black")
     line.append(f" {share:.1%} explored", style="bold")
     if total := referee.get("victims_total"):
         found = referee.get("victims_found", 0)

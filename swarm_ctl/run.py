@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -20,8 +21,13 @@ from swarm_ctl.record.folder import RunFolder
 
 START_S = 30.0
 """Longest wait for the mock to open its ports, wall time."""
+LAST_WORDS_S = 2.0
 STOP_S = 10.0
 REPORT_S = 0.25
+GRACE_S = 1.0
+"""Mission time beyond the loss of its link in which a vehicle ends by itself."""
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+TWICE = "interrupted twice: ended without waiting for the landings"
 
 
 class UdpRun:
@@ -39,7 +45,9 @@ class UdpRun:
         self.notes: list[str] = []
         self.interrupted = False
         self._faults = faults or Faults()
-        self._is_stopping = False
+        self._mock: asyncio.subprocess.Process | None = None
+        self._complaint = ""
+        self._is_ready = False
 
     @property
     def now(self) -> float:
@@ -48,37 +56,45 @@ class UdpRun:
 
     async def fly(self, progress: Callable[[UdpRun], None]) -> None:
         """Start the mock, fly every vehicle, stop the mock; MockError when it does not start."""
-        mock = await self._start_mock()
-        try:
-            ports = await self._ready(mock)
-            with _links(ports) as links, self._interruptible():
-                self.clock = Clock(self.clock.speed)
-                async with asyncio.TaskGroup() as aside:
-                    tasks = [
-                        aside.create_task(self._listen(mock), name="mock output"),
-                        aside.create_task(self._report(progress), name="progress"),
-                        aside.create_task(self._kill_controllers(), name="faults"),
-                    ]
-                    async with asyncio.TaskGroup() as vehicles:
-                        for controller, link in zip(self.controllers, links, strict=True):
-                            name = f"vehicle {controller.agent.sysid}"
-                            vehicles.create_task(self._fly_one(controller, link), name=name)
-                    for task in tasks:
-                        task.cancel()
-        finally:
-            self._is_stopping = True
-            await self._stop_mock(mock)
+        with self._interruptible():
+            mock = self._mock = await self._start_mock()
+            try:
+                with _links(await self._ready(mock)) as links:
+                    self._is_ready = True
+                    self.clock = Clock(self.clock.speed)
+                    async with asyncio.TaskGroup() as aside:
+                        tasks = [
+                            aside.create_task(self._listen(mock), name="mock output"),
+                            aside.create_task(self._heed(mock), name="mock complaints"),
+                            aside.create_task(self._report(progress), name="progress"),
+                            aside.create_task(self._kill_controllers(), name="faults"),
+                        ]
+                        await self._fly_all(links)
+                        for task in tasks:
+                            task.cancel()
+            finally:
+                await self._stop_mock(mock)
 
     def interrupt(self) -> None:
         """Land everybody; asked twice, end at once."""
-        if self.interrupted:
+        if not self.interrupted:
+            self.interrupted = True
             for controller in self.controllers:
-                controller.kill("interrupted twice", self.now)
-        self.interrupted = True
-        for controller in self.controllers:
-            controller.order(Operator.LAND, self.now)
+                controller.order(Operator.LAND, self.now)
+        elif not self._is_ready:
+            _kill(self._mock)
+        elif not all(controller.agent.is_ended for controller in self.controllers):
+            self.notes.append(TWICE)
+            for controller in self.controllers:
+                _give_up(controller, TWICE, self.now)
 
     # -- vehicles ------------------------------------------------------------------------------
+
+    async def _fly_all(self, links: Sequence[UdpLink]) -> None:
+        async with asyncio.TaskGroup() as vehicles:
+            for controller, link in zip(self.controllers, links, strict=True):
+                name = f"vehicle {controller.agent.sysid}"
+                vehicles.create_task(self._fly_one(controller, link), name=name)
 
     async def _fly_one(self, controller: Controller, link: UdpLink) -> None:
         """Fly one vehicle; whatever breaks in it stays with it."""
@@ -86,30 +102,39 @@ class UdpRun:
         try:
             await fly(controller, link, self.clock, offset_s=offset_s)
         except Exception as error:  # noqa: BLE001 - one vehicle never stops another
-            controller.kill(f"its controller broke: {type(error).__name__}: {error}", self.now)
+            reason = f"its controller broke: {type(error).__name__}: {error}"
+            _give_up(controller, reason, self.now)
 
     async def _kill_controllers(self) -> None:
         for moment_s, sysid in self._faults.controllers:
             await self.clock.sleep_until(moment_s)
-            self.controllers[sysid - 1].kill("its controller was killed", self.now)
+            _give_up(self.controllers[sysid - 1], "its controller was killed", self.now)
 
     async def _report(self, progress: Callable[[UdpRun], None]) -> None:
         while True:
-            self.folder.tick(self.now)
-            progress(self)
+            try:
+                self.folder.tick(self.now)
+                progress(self)
+            except OSError as error:  # a full disk, a terminal that is gone: no reason to fall
+                self._note_once(f"not everything could be written: {error.strerror or error}")
             await asyncio.sleep(REPORT_S)
 
     @contextlib.contextmanager
     def _interruptible(self) -> Iterator[None]:
         loop = asyncio.get_running_loop()
-        signals = (signal.SIGINT, signal.SIGTERM)
-        for number in signals:
+        before = {number: signal.getsignal(number) for number in STOP_SIGNALS}
+        for number in STOP_SIGNALS:
             loop.add_signal_handler(number, self.interrupt)
         try:
             yield
         finally:
-            for number in signals:
+            for number, handler in before.items():
                 loop.remove_signal_handler(number)
+                signal.signal(number, handler)
+
+    def _note_once(self, note: str) -> None:
+        if note not in self.notes:
+            self.notes.append(note)
 
     # -- the mock process ----------------------------------------------------------------------
 
@@ -141,7 +166,8 @@ class UdpRun:
             line = await asyncio.wait_for(mock.stdout.readline(), START_S)
             ready = json.loads(line)["ready"]
         except (TimeoutError, ValueError, KeyError):
-            raise MockError(await _last_words(mock)) from None
+            words = await _last_words(mock)
+            raise MockError(words) from None
         self.referee = {"victims_total": ready["victims_total"]}
         ports: list[int] = ready["ports"]
         return ports
@@ -151,8 +177,16 @@ class UdpRun:
         while line := await mock.stdout.readline():
             with contextlib.suppress(ValueError):
                 self.referee = {**(self.referee or {}), **json.loads(line)}
-        if not self._is_stopping:
-            self.notes.append(f"the mock fleet died at {self.now:.1f} s")
+        self.notes.append(f"the mock fleet died at {self.now:.1f} s")
+        await self.clock.sleep_until(self.now + self.mission.limits.link_lost_s + GRACE_S)
+        for controller in self.controllers:
+            _give_up(controller, "its autopilot died with the mock fleet", self.now)
+
+    async def _heed(self, mock: asyncio.subprocess.Process) -> None:
+        """Keep the mock's latest complaint, and its pipe from filling up."""
+        assert mock.stderr is not None  # noqa: S101 - opened as a pipe above
+        while line := await mock.stderr.readline():
+            self._complaint = line.decode(errors="replace").strip() or self._complaint
 
     async def _stop_mock(self, mock: asyncio.subprocess.Process) -> None:
         """Close its input, which asks it to write the truth and go."""
@@ -161,18 +195,35 @@ class UdpRun:
         try:
             await asyncio.wait_for(mock.communicate(), STOP_S)
         except TimeoutError:
-            mock.kill()
+            _kill(mock)
             await mock.communicate()
             self.notes.append("the mock fleet did not stop and was killed")
+        if self._complaint:
+            self.notes.append(f"the mock fleet's last complaint: {self._complaint}")
+
+
+def _give_up(controller: Controller, reason: str, now: float) -> None:
+    """End one controller, also when its record cannot be written."""
+    with contextlib.suppress(OSError):
+        controller.kill(reason, now)
+
+
+def _kill(mock: asyncio.subprocess.Process | None) -> None:
+    """Kill without asking whether it lives: asking would take its exit code from asyncio."""
+    if mock is not None and mock.returncode is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(mock.pid, signal.SIGKILL)
 
 
 async def _last_words(mock: asyncio.subprocess.Process) -> str:
     """Give the last line of a mock that would not start."""
-    with contextlib.suppress(ProcessLookupError):
-        mock.terminate()
-    _, error = await mock.communicate()
+    try:
+        _, error = await asyncio.wait_for(mock.communicate(), LAST_WORDS_S)
+    except TimeoutError:
+        _kill(mock)
+        _, error = await mock.communicate()
     lines = error.decode(errors="replace").strip().splitlines()
-    return lines[-1] if lines else "the mock fleet did not start"
+    return lines[-1].removeprefix("mock-vehicle: ") if lines else "the mock fleet did not start"
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import FleetKilled, parse_fault
 from mock_vehicle.fleet import STEP_S, Fleet
 from mock_vehicle.world import load_world
+from swarm_ctl.controller import Controller
 from swarm_ctl.errors import MockError
 from swarm_ctl.flight import TRUTH, Faults, controllers_for
 from swarm_ctl.mission import Mission
@@ -56,7 +57,7 @@ class Arena:
         if self._is_mock_alive:
             self._step_fleet(now)
         for controller in self.controllers[self._step % STEPS_PER_TICK :: STEPS_PER_TICK]:
-            data = controller.tick(now)
+            data = self._tick(controller, now)
             if data and self._is_mock_alive:
                 self.fleet.receive(controller.index, data, now)
         self._folder.tick(now)
@@ -80,6 +81,15 @@ class Arena:
             return
         for index, data in datagrams:
             self.controllers[index].receive(data, now)
+
+    @staticmethod
+    def _tick(controller: Controller, now: float) -> bytes:
+        """Let one controller decide; whatever breaks in it stays with it."""
+        try:
+            return controller.tick(now)
+        except Exception as error:  # noqa: BLE001 - one vehicle never stops another
+            controller.kill(f"its controller broke: {type(error).__name__}: {error}", now)
+            return b""
 
 
 def _fleet(mission: Mission, faults: Faults) -> Fleet:

@@ -16,26 +16,33 @@ MOST_PER_WAKE_UP = 64
 class UdpLink:
     """One non-blocking UDP socket.
 
-    `udpout://host:port` speaks to a vehicle that listens there; `udpin://host:port` listens and
-    answers whoever spoke last. Connections are lost silently in UDP: sending never raises.
+    `udpout://host:port` speaks to a vehicle that listens there; `udpin://host:port` listens (on a
+    free port when it is 0) and answers whoever spoke last. Connections are lost silently in UDP:
+    sending never raises.
     """
 
     def __init__(self, url: str) -> None:
         self.url = url
         scheme, host, port = _parse(url)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        self._is_listening = scheme == "udpin"
         self._peer: tuple[str, int] | None = None
         try:
-            if scheme == "udpout":
-                self._peer = (host, port)
-                self._socket.bind(("", 0))
-            else:
-                self._socket.bind((host, port))
+            address = (
+                socket.gethostbyname(host),
+                port,
+            )  # here, never while flying: it may take long
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        except (OSError, UnicodeError) as error:
+            raise SwarmError(f"{url}: {getattr(error, 'strerror', None) or error}") from None
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        try:
+            self._socket.bind(address if self._is_listening else ("", 0))
         except OSError as error:
             self._socket.close()
-            raise SwarmError(f"{url}: {error.strerror or error}") from error
+            raise SwarmError(f"{url}: {error.strerror or error}") from None
+        if not self._is_listening:
+            self._peer = address
 
     def fileno(self) -> int:
         """Give the descriptor an event loop watches."""
@@ -61,7 +68,7 @@ class UdpLink:
                 break
             except OSError:
                 continue  # the port we sent to is closed: told here by the kernel, counted nowhere
-            if self.url.startswith("udpin"):
+            if self._is_listening:
                 self._peer = sender
             datagrams.append(data)
         return datagrams
@@ -77,6 +84,9 @@ def _parse(url: str) -> tuple[str, str, int]:
         port = parts.port
     except ValueError as error:
         raise SwarmError(f"{url}: {error}") from error
-    if parts.scheme not in {"udpin", "udpout"} or not parts.hostname or not port:
+    is_bare = parts.path in {"", "/"} and not parts.query
+    if parts.scheme not in {"udpin", "udpout"} or not parts.hostname or port is None or not is_bare:
         raise SwarmError(f"{url}: expected udpin://HOST:PORT or udpout://HOST:PORT")
+    if parts.scheme == "udpout" and not port:
+        raise SwarmError(f"{url}: nobody listens on port 0")
     return parts.scheme, parts.hostname, port
