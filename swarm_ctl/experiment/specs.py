@@ -1,0 +1,358 @@
+"""Experiment files: what is compared, in which world, and what the paper says came of it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from mock_vehicle.errors import MockVehicleError
+from mock_vehicle.world import World, load_world
+from swarm_ctl.errors import MissionError
+from swarm_ctl.experiment import batch
+from swarm_ctl.explore.planner import PlannerParams
+
+METRICS = ("coverage_percent", "time_s", "victims_found", "collisions", "energy_kwh")
+"""What the paper's Tables II and III list."""
+KNEE_M = 0.3
+"""A solid whose lower face is higher than this is over a ground robot's head."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+class Paper(_Section):
+    """The paper's figures for one cell; none where it gives none."""
+
+    coverage_percent: float | None = None
+    """Share of the area, %."""
+    time_s: float | None = None
+    """Time taken, s."""
+    victims_found: float | None = None
+    """Victims found."""
+    collisions: float | None = None
+    """Collision count."""
+    energy_kwh: float | None = None
+    """Energy of all robots, kWh."""
+
+
+class Energy(_Section):
+    """A ground robot of about 20 kg; our assumption, the paper gives no model."""
+
+    base_w: float = Field(default=20.0, ge=0.0)
+    """Computer, sensors and radio of one robot, W."""
+    drive_j_m: float = Field(default=20.0, ge=0.0)
+    """Driving, J per metre: rolling resistance 0.05 x 20 kg x 9.81 m/s2, half of it lost on the
+    way from battery to wheel."""
+
+    def kwh(self, robots: int, time_s: float, path_m: float) -> float:
+        """Give the energy of a swarm from its common path."""
+        return (robots * time_s * self.base_w + path_m * self.drive_j_m) / 3.6e6
+
+
+class Cell(_Section):
+    """One configuration whose trials are averaged."""
+
+    name: str = Field(min_length=1, max_length=60)
+    """Unique in the experiment."""
+    figure: str = ""
+    """Where the paper shows it, as `Fig. 3`."""
+    quote: str = ""
+    """The paper's sentence that this cell takes at its word."""
+    world: Path
+    """World file, relative to the experiment file; boxes and walls must lie along x and y."""
+    vehicles: int = Field(default=10, ge=1, le=250)
+    """Number of robots."""
+    duration_s: float = Field(default=600.0, gt=0.0, le=86_400.0)
+    """Time explored, s."""
+    speed_m_s: float = Field(default=0.2, gt=0.0)
+    """Greatest speed, m/s."""
+    start_m: Annotated[tuple[float, float] | None, Field(strict=False)] = None
+    """Where all start, x east and y north; none: each anywhere, by the seed."""
+    start_jitter_m: float = Field(default=0.01, ge=0.0)
+    """Standard deviation of the starts around `start_m`, m."""
+    body_m: float = Field(default=0.6, gt=0.0)
+    """Edge of the square robot, m; what is under it is explored."""
+    footprint: Literal["square", "disc"] = "square"
+    """What is explored: all of the body, or the disc inside it."""
+    radio_m: float | None = Field(default=None, ge=0.0)
+    """Range of the radio, m; none: the world's."""
+    planner: PlannerParams = PlannerParams()
+    """How a robot decides."""
+    energy: Energy = Energy()
+    """What a robot draws."""
+    paper: Paper = Paper()
+    """The paper's figures."""
+
+    @model_validator(mode="after")
+    def _is_flat(self) -> Self:
+        if self.planner.kind not in batch.KINDS:
+            reason = f"the batch engine drives {', '.join(batch.KINDS)}, not {self.planner.kind}"
+            raise _cross("planner.kind", reason)
+        if self.planner.dimensions != 2:
+            raise _cross("planner.dimensions", "must be 2: the batch engine drives on the ground")
+        if self.planner.period_s > self.duration_s:
+            raise _cross("duration_s", "must be at least planner.period_s")
+        return self
+
+
+class Experiment(_Section):
+    """Cells, and how often each is tried."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)
+    """Short name; the file's own if left out."""
+    description: str = ""
+    """What the experiment shows, above its table."""
+    trials: int = Field(default=20, ge=1, le=1_000_000)
+    """Trials of each cell. "We conducted 20 trial simulations"."""
+    seed: int = Field(default=1, ge=0, lt=2**63)
+    """Seed of every draw; trial t has the same starts in all cells."""
+    sample_s: float = Field(default=60.0, gt=0.0)
+    """Time between two counts of the coverage, s."""
+    pictures: bool = True
+    """Whether to draw the paths of a typical trial of each cell."""
+    cells: Annotated[tuple[Cell, ...], Field(strict=False, min_length=1)]
+    """The configurations, in the order of the table."""
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Self:
+        names = [cell.name for cell in self.cells]
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                raise _cross(f"cells.{index}.name", f"{name!r} is the name of an earlier cell")
+        return self
+
+
+def load_experiment(
+    path: Path, *, trials: int | None = None, seed: int | None = None
+) -> Experiment:
+    """Read and check an experiment file; what is not None replaces the file's own value.
+
+    Keys under `defaults` hold for every cell that does not set them, also key by key within
+    `planner` and the other blocks. MissionError names file, key and reason in one sentence.
+    """
+    raw = _read(path)
+    raw.setdefault("name", path.stem)
+    raw.update({k: v for k, v in {"trials": trials, "seed": seed}.items() if v is not None})
+    defaults = raw.pop("defaults", None) or {}
+    if not isinstance(defaults, Mapping):
+        raise MissionError(path, "defaults", f"must be a block of keys, not {_shown(defaults)}")
+    own = raw.get("cells")
+    if isinstance(own, list):
+        raw["cells"] = [_placed(_merged(defaults, cell), path) for cell in own]
+    try:
+        experiment = Experiment.model_validate(raw)
+    except ValidationError as error:
+        raise _mission_error(path, error, own) from None
+    for index, cell in enumerate(experiment.cells):
+        case_of(cell, experiment.sample_s, path, f"cells.{index}")
+    return experiment
+
+
+def case_of(cell: Cell, sample_s: float, path: Path, key: str) -> batch.Case:
+    """Turn a cell into what the engine runs; MissionError for a world that it cannot."""
+    if not cell.world.is_file():
+        raise MissionError(path, f"{key}.world", f"there is no world file {cell.world}")
+    try:
+        world = load_world(cell.world)
+    except MockVehicleError as error:
+        raise MissionError(path, f"{key}.world", str(error)) from error
+    period_s = cell.planner.period_s
+    case = batch.Case(
+        field=_field(world, path, f"{key}.world"),
+        planner=cell.planner,
+        robots=cell.vehicles,
+        steps=round(cell.duration_s / period_s),
+        sample_steps=max(1, round(sample_s / period_s)),
+        speed_m_s=cell.speed_m_s,
+        start_m=None if cell.start_m is None else (cell.start_m[1], cell.start_m[0]),
+        jitter_m=cell.start_jitter_m,
+        radio_m=world.spec.radio.radius_m if cell.radio_m is None else cell.radio_m,
+        body_m=cell.body_m,
+        footprint=cell.footprint,
+    )
+    if not batch.is_start_free(case):
+        reason = f"a robot of {cell.body_m:g} m does not fit at {cell.start_m} in {cell.world}"
+        raise MissionError(path, f"{key}.start_m", reason)
+    return case
+
+
+def _field(world: World, path: Path, key: str) -> batch.Field:
+    """Take from a world what the engine knows: a rectangle with boxes along its axes."""
+    if world.spec.map is not None:
+        raise MissionError(path, key, f"{world.path}: the batch engine knows no maps")
+    boxes = []
+    for polygon in world.outline()["polygons"]:
+        if polygon["bottom_m"] > KNEE_M:
+            continue
+        corners = np.array(polygon["points_ne_m"])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        if np.minimum(np.abs(corners - low), np.abs(corners - high)).max() > 1e-6:
+            reason = f"{world.path}: the batch engine knows only boxes and walls along x and y"
+            raise MissionError(path, key, reason)
+        boxes.append((float(low[0]), float(low[1]), float(high[0]), float(high[1])))
+    low_m, high_m = world.low_ned_m.tolist(), world.high_ned_m.tolist()
+    return batch.Field(
+        low_m=(low_m[0], low_m[1]),
+        high_m=(high_m[0], high_m[1]),
+        boxes_m=tuple(boxes),
+        victims_m=tuple(victim.position_ned_m[:2] for victim in world.victims),
+        cell_m=world.spec.coverage.cell_m,
+    )
+
+
+def _cross(key: str, reason: str) -> PydanticCustomError:
+    return PydanticCustomError("cross_check", "{reason}", {"key": key, "reason": reason})
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML that refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key_node, _ in node.value:
+            if (name := str(key_node.value)) in seen:
+                problem = f"{name} is given twice"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key_node.start_mark)
+            seen.add(name)
+        return super().construct_mapping(node, deep)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        raw = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # noqa: S506 - a SafeLoader
+    except FileNotFoundError:
+        raise MissionError(path, "", "there is no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise MissionError(path, "", f"cannot be read: {reason}") from None
+    except yaml.YAMLError as error:
+        mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+        line = f"line {mark.line + 1}: " if mark else ""
+        raise MissionError(path, "", f"{line}{problem or 'this is not YAML'}") from None
+    if not isinstance(raw, dict):
+        raise MissionError(path, "", "an experiment is a block of lines like `trials: 20`")
+    return raw
+
+
+def _merged(defaults: Mapping[str, Any], cell: Any) -> Any:
+    """Lay a cell over the defaults, block by block."""
+    if not isinstance(cell, Mapping):
+        return cell
+    blocks = {
+        key: _merged(value, cell[key])
+        for key, value in defaults.items()
+        if isinstance(value, Mapping) and isinstance(cell.get(key), Mapping)
+    }
+    return {**defaults, **cell, **blocks}
+
+
+def _placed(cell: Any, path: Path) -> Any:
+    """Make the path of a cell's world relative to the experiment file."""
+    if isinstance(cell, dict) and isinstance(cell.get("world"), str):
+        return {**cell, "world": (path.parent / cell["world"]).resolve()}
+    return cell
+
+
+def _mission_error(path: Path, error: ValidationError, own: Any) -> MissionError:
+    """Pick the first mistake, an unknown key before its consequences, and say it plainly.
+
+    `own` are the cells before the defaults were laid under them.
+    """
+    detail = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+    loc = [str(part) for part in detail["loc"]]
+    if (key := str(detail.get("ctx", {}).get("key", ""))).startswith("cells."):
+        return MissionError(path, key, _reason(detail))
+    loc += key.split(".") if key else []
+    cell, inside = detail["loc"][1:2], loc[2:]
+    if detail["type"] != "missing" and inside and not _holds(own[cell[0]], inside):
+        loc = ["defaults", *inside]
+    return MissionError(path, ".".join(loc), _reason(detail))
+
+
+def _holds(block: Any, keys: Sequence[str]) -> bool:
+    """Tell whether a block says something of its own under the keys, or where they lead."""
+    for key in keys:
+        if not isinstance(block, Mapping):
+            break
+        if key not in block:
+            return False
+        block = block[key]
+    return True
+
+
+def _reason(detail: ErrorDetails) -> str:
+    kind, given, context = detail["type"], _shown(detail["input"]), detail.get("ctx", {})
+    if kind == "extra_forbidden":
+        return _unknown_key(detail["loc"])
+    if kind in _SENTENCES:
+        return _SENTENCES[kind].format(given=given, **context)
+    words = next((words for name, words in _TYPES.items() if kind.startswith(name)), None)
+    return f"must be {words}, not {given}" if words else f"{detail['msg']}, not {given}"
+
+
+_SENTENCES = {
+    "missing": "is missing",
+    "cross_check": "{reason}",
+    "value_error": "{error}",
+    "literal_error": "must be {expected}, not {given}",
+    "greater_than_equal": "must be at least {ge:g}, not {given}",
+    "greater_than": "must be more than {gt:g}, not {given}",
+    "less_than_equal": "must be at most {le:g}, not {given}",
+    "less_than": "must be less than {lt:g}, not {given}",
+    "string_pattern_mismatch": "may hold only letters, digits, - and _, not {given}",
+    "string_too_short": "may not be empty",
+    "string_too_long": "may have {max_length} characters at most",
+    "too_short": "must hold at least one",
+    "invalid_key": "unknown key; keys are words",
+}
+_TYPES = {
+    "int": "a whole number",
+    "float": "a number",
+    "finite_number": "a finite number",
+    "bool": "true or false",
+    "string": "text",
+    "model": "a block of keys",
+    "tuple": "a list",
+    "is_instance_of": "the path of a file",
+    "path": "the path of a file",
+}
+_BLOCKS: dict[str, type[BaseModel]] = {"planner": PlannerParams, "energy": Energy, "paper": Paper}
+
+
+def _unknown_key(loc: Sequence[int | str]) -> str:
+    """Name the nearest key: of the same block first, then of any other."""
+    *block, last = (str(part) for part in loc)
+    here: type[BaseModel] = _BLOCKS.get(block[-1], Cell) if block else Experiment
+    for prefix, model in ((None, here), *_places()):
+        close = difflib.get_close_matches(last, model.model_fields, n=1, cutoff=0.6)
+        if close:
+            place = close[0] if prefix is None else f"{prefix}{close[0]}"
+            return f"unknown key; did you mean {place}?"
+    return f"unknown key; known here are {', '.join(here.model_fields)}"
+
+
+def _places() -> Iterator[tuple[str | None, type[BaseModel]]]:
+    yield "defaults.", Cell
+    for name, model in _BLOCKS.items():
+        yield f"defaults.{name}.", model
+    yield "", Experiment
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return "a block of keys"
+    if isinstance(value, list | tuple):
+        return "a list"
+    return "nothing" if value is None else repr(value) if isinstance(value, str) else str(value)
