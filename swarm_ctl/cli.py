@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import swarm_ctl
 from swarm_ctl.errors import MockError, SwarmError
@@ -47,7 +48,7 @@ World = Annotated[
     Path | None, typer.Option(help="Fly in this world file instead of the mission's own.")
 ]
 Vehicles = Annotated[int | None, typer.Option(help="Number of vehicles, 1 to 250.")]
-PlannerKind = Annotated[str | None, typer.Option(help="Planner: lf-pso, levy or pso.")]
+PlannerKind = Annotated[str | None, typer.Option(help="Planner: explore, lf-pso, levy or pso.")]
 AutopilotKind = Annotated[
     str | None, typer.Option(help="What the mock vehicles behave like: px4, ardupilot or mixed.")
 ]
@@ -175,6 +176,43 @@ def check(
         f"({facts.size}) for {chosen.duration_s:g} s with {chosen.planner.kind} "
         f"in {chosen.planner.dimensions} dimensions; {victims} to find"
     )
+
+
+@app.command()
+def experiment(
+    file: Annotated[Path, typer.Argument(help="Experiment file (YAML).", show_default=False)],
+    trials: Annotated[
+        int | None, typer.Option(help="Trials of each cell; default: the file's.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes that simulate; default: one per core.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed; default: the file's.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the results; one that was interrupted is gone on with."),
+    ] = None,
+) -> None:
+    """Simulate an experiment in batches and put its figures beside the paper's.
+
+    Ctrl-C keeps what is done; the same command goes on with it.
+    """
+    from swarm_ctl.experiment.report import result_lines  # noqa: PLC0415 - slow
+    from swarm_ctl.experiment.sweep import run_experiment  # noqa: PLC0415 - the same
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bar:
+        task = bar.add_task("trials", total=None)
+
+        def show(done: int, total: int, cell: str) -> None:
+            bar.update(task, completed=done, total=total, description=cell)
+
+        result = run_experiment(
+            file, trials=trials, workers=workers, seed=seed, out=out, progress=show
+        )
+    _Console(highlight=False).print(result_lines(result))
+    if result.is_interrupted:
+        raise typer.Exit(INTERRUPTED)
 
 
 @app.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +18,12 @@ from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import ENDED, STEERING, Cause, Phase, advance
 from swarm_ctl.agent.sender import Sender
+from swarm_ctl.agent.sharing import Sharing
 from swarm_ctl.agent.watch import TIME_OVER, watch
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.command import Answer, Command, CommandQueue
 from swarm_ctl.autopilot.telemetry import COMPANION_COMPONENT, SUBSCRIBED, Telemetry
+from swarm_ctl.explore.explorer import Explorer
 from swarm_ctl.explore.planner import Planner, PlannerParams
 from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
 
@@ -89,13 +92,10 @@ class Agent:
         self.planned_ned_m_s = ZERO
         self.target_ned_m: Vec3 | None = None
         self.yaw_rad = 0.0
-        self._guard = Guard(orders.limits, orders.flight)
-        self._planner = Planner(
-            orders.planner,
-            speed_m_s=orders.flight.speed_m_s,
-            climb_m_s=orders.flight.climb_m_s,
-            seeds=[(orders.seed, sysid)],
-        )
+        is_level = orders.planner.dimensions == 2
+        self._guard = Guard(orders.limits, orders.flight, is_level=is_level)
+        self._planner, self._sharing = _planner(sysid, orders)
+        self._scanned_s = -math.inf
         self._tag = beacons.mission_tag(orders.mission)
         self._events: list[Event] = []
         self._next_heartbeat_s = 0.0
@@ -115,7 +115,8 @@ class Agent:
             if frame.sysid == self.sysid:
                 self.telemetry.receive(frame, now)
             elif frame.compid == COMPANION_COMPONENT and frame.id == _TUNNEL_ID:
-                self._hear(frame, now)
+                payload = frame.values.payload[: frame.values.payload_length]
+                self._hear(frame.sysid, frame.values.payload_type, payload, now)
 
     def tick(self, now: float) -> bytes:
         """Decide; give the frames to send, as one datagram (empty when there is nothing)."""
@@ -207,6 +208,8 @@ class Agent:
         """Ask the planner; a plan that fails leaves the old one to go stale, which holds."""
         place, dimensions = self.telemetry.position_ned_m, self.orders.planner.dimensions
         offsets = [peer.offset_ned_m for peer in self.peers.near(place, self.now)]
+        if self._sharing is not None:
+            self._look_around(self._sharing, offsets)
         try:
             plan = self._planner.step(
                 np.array([place[:dimensions]]),
@@ -214,7 +217,7 @@ class Agent:
                 np.array([self.telemetry.ranges_m]),
                 np.array([offset[:dimensions] for offset in offsets]).reshape(1, -1, dimensions),
             )
-        except (ArithmeticError, LookupError, ValueError) as error:
+        except Exception as error:  # noqa: BLE001 - whatever breaks in a planner, hold
             if not self.has_plan_failed:
                 self.note("PlannerFailed", error=f"{type(error).__name__}: {error}")
             self.has_plan_failed = True
@@ -232,13 +235,14 @@ class Agent:
 
     # -- taking in -----------------------------------------------------------------------------
 
-    def _hear(self, frame: wire.Frame, now: float) -> None:
-        values = frame.values
-        if values.payload_type != beacons.PAYLOAD_TYPE:
-            return
-        beacon = beacons.decode(values.payload[: values.payload_length])
-        if beacon is not None and beacon.mission == self._tag:
-            self.peers.beacon(frame.sysid, beacon, now)
+    def _hear(self, sysid: int, payload_type: int, payload: bytes, now: float) -> None:
+        """Take a peer's broadcast; who has not told that he flies our mission is not ours."""
+        if payload_type == beacons.BEACON_TYPE:
+            beacon = beacons.decode(payload)
+            if beacon is not None and beacon.mission == self._tag:
+                self.peers.beacon(sysid, beacon, now)
+        elif self._sharing is not None and self.peers.is_ours(sysid):
+            self._sharing.hear(sysid, payload_type, payload)
 
     def _digest(self) -> None:
         """Turn what was heard since the last tick into state and facts."""
@@ -263,6 +267,15 @@ class Agent:
             self.note("ContactsChanged", gained=gained, lost=lost)
         if self.phase in STEERING:
             self.trail.mark(telemetry.position_ned_m)
+            if self._sharing is not None:
+                self._sharing.meet(self.peers, self.now)
+
+    def _look_around(self, sharing: Sharing, peers_m: Sequence[Vec3]) -> None:
+        """Show the explorer what the scanner saw since the last plan."""
+        telemetry = self.telemetry
+        if telemetry.scan_s > self._scanned_s:
+            self._scanned_s = telemetry.scan_s
+            sharing.see(telemetry.scan_m, telemetry.position_ned_m, peers_m)
 
     def _answered(self, answer: Answer | None) -> None:
         if answer is None or answer.is_accepted:
@@ -313,7 +326,11 @@ class Agent:
             frames.append(sender.setpoint(self._last_word(velocity), now))
         if now >= self._next_beacon_s and self.telemetry.autopilot is not None:
             self._next_beacon_s = now + beacons.PERIOD_S
-            frames.append(sender.beacon(self._beacon()))
+            payload = beacons.encode(self._beacon())
+            frames.append(sender.broadcast(beacons.BEACON_TYPE, payload))
+        if self._sharing is not None and self.phase in STEERING:
+            told = self._sharing.outgoing(bool(self.peers.heard(now)), now)
+            frames += [sender.broadcast(kind, payload) for kind, payload in told]
         return frames
 
     def _last_word(self, velocity: Vec3) -> Setpoint:
@@ -335,8 +352,23 @@ class Agent:
             mission=self._tag,
             phase=self.phase,
             velocity_ned_m_s=self.telemetry.velocity_ned_m_s,
+            position_ned_m=self.telemetry.position_ned_m,
+            target_ned_m=self.target_ned_m if self.phase in STEERING else None,
             heard=self.peers.heard(self.now),
         )
+
+
+def _planner(sysid: int, orders: Orders) -> tuple[Planner | Explorer, Sharing | None]:
+    """Build the planner a mission names, and for one with a memory what shares it."""
+    speed_m_s, climb_m_s = orders.flight.speed_m_s, orders.flight.climb_m_s
+    seed = (orders.seed, sysid)
+    if orders.planner.kind != "explore":
+        memoryless = Planner(orders.planner, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=[seed])
+        return memoryless, None
+    explorer = Explorer(
+        orders.planner, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seed=seed, sysid=sysid
+    )
+    return explorer, Sharing(explorer, orders.planner.dimensions)
 
 
 def _vec3(values: list[float], z: float) -> Vec3:

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.model import Vec3
 
-PAYLOAD_TYPE = 40417
-"""From the range of TUNNEL payload types that MAVLink leaves to everybody (32768 and up)."""
+BEACON_TYPE, SUMMARY_TYPE, TRAIL_TYPE = 40417, 40418, 40419
+"""TUNNEL payload types, from the range that MAVLink leaves to everybody (32768 and up)."""
 VERSION = 1
 PERIOD_S = 0.2
 
-_HEAD = struct.Struct("<BIB3hB")  # version, mission, phase, velocity cm/s, number of heard peers
+_HEAD = struct.Struct("<BIB3h3i3iB")
+"""Version, mission, phase, velocity cm/s, position cm, target cm, number of heard peers."""
+_NO_TARGET = -(2**31)
 _ID = struct.Struct("<I")  # ids are 32 bits wide, as MAVLink's own are about to be
 _PHASES = tuple(Phase)
 _MOST_HEARD = (128 - _HEAD.size) // _ID.size
@@ -29,6 +31,10 @@ class Beacon:
     phase: Phase
     velocity_ned_m_s: Vec3
     """Axes along north, east, down; peers share north by compass, not an origin."""
+    position_ned_m: Vec3
+    """In the sender's own local frame; with the radio's fix it gives the shift between frames."""
+    target_ned_m: Vec3 | None
+    """Where it is heading to, in the same frame."""
     heard: tuple[int, ...]
     """sysids this vehicle hears itself, from which clusters are computed."""
 
@@ -40,9 +46,21 @@ def mission_tag(name: str) -> int:
 
 def encode(beacon: Beacon) -> bytes:
     """Pack a beacon into at most 128 bytes."""
-    velocity = (max(-32767, min(32767, round(v * 100.0))) for v in beacon.velocity_ned_m_s)
+    velocity = _centimetres(beacon.velocity_ned_m_s, 2**15 - 1)
+    position = _centimetres(beacon.position_ned_m, 2**31 - 1)
+    target = [_NO_TARGET] * 3
+    if beacon.target_ned_m is not None:
+        target = _centimetres(beacon.target_ned_m, 2**31 - 1)
     heard = beacon.heard[:_MOST_HEARD]
-    head = _HEAD.pack(VERSION, beacon.mission, _PHASES.index(beacon.phase), *velocity, len(heard))
+    head = _HEAD.pack(
+        VERSION,
+        beacon.mission,
+        _PHASES.index(beacon.phase),
+        *velocity,
+        *position,
+        *target,
+        len(heard),
+    )
     return head + b"".join(map(_ID.pack, heard))
 
 
@@ -50,9 +68,21 @@ def decode(payload: bytes) -> Beacon | None:
     """Read a beacon; None when it is none of ours or broken."""
     if len(payload) < _HEAD.size:
         return None
-    version, mission, phase, vx, vy, vz, count = _HEAD.unpack_from(payload)
+    version, mission, phase, *numbers, count = _HEAD.unpack_from(payload)
     fits = _HEAD.size + count * _ID.size <= len(payload)
     if version != VERSION or phase >= len(_PHASES) or not fits:
         return None
     heard = struct.unpack_from(f"<{count}I", payload, _HEAD.size)
-    return Beacon(mission, _PHASES[phase], Vec3(vx / 100.0, vy / 100.0, vz / 100.0), heard)
+    velocity, position, target = (_metres(numbers[at : at + 3]) for at in (0, 3, 6))
+    has_target = numbers[6] != _NO_TARGET
+    return Beacon(
+        mission, _PHASES[phase], velocity, position, target if has_target else None, heard
+    )
+
+
+def _centimetres(vector: Vec3, most: int) -> list[int]:
+    return [max(-most, min(most, round(value * 100.0))) for value in vector]
+
+
+def _metres(numbers: list[int]) -> Vec3:
+    return Vec3(numbers[0] / 100.0, numbers[1] / 100.0, numbers[2] / 100.0)

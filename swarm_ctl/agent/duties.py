@@ -26,8 +26,12 @@ TAKEOFF_AGAIN_S = 8.0
 LANDING_S = 90.0
 STREAM_BEFORE_SWITCH_S = 1.0
 """PX4 wants setpoints before it takes the offboard mode (PX4 guide, offboard mode)."""
+SETTLED_M_S = 0.2
+"""A landing begun any faster ends beside the place it was meant for."""
 CLIMBED_FRACTION = 0.9
 ON_GROUND_M = 0.3
+DOWN = 5
+"""The rangefinder that looks down."""
 HOLD_GAIN, HOLD_M_S = 0.8, 0.3
 IS_HOME, HAS_LANDED = "home", "landed"
 
@@ -102,15 +106,9 @@ def take_off(agent: Agent) -> Vec3 | None:
 
 def explore(agent: Agent) -> Vec3 | None:
     """Follow the planner; in two dimensions at the mission's height."""
-    orders = agent.orders
-    if agent.now - agent.plan_s >= orders.planner.period_s - 1e-6:
+    if agent.now - agent.plan_s >= agent.orders.planner.period_s - 1e-6:
         agent.plan()
-    velocity = agent.planned_ned_m_s
-    if orders.planner.dimensions == 2:
-        climb = orders.flight.climb_m_s
-        short_m = orders.flight.height_m - agent.telemetry.height_m
-        return Vec3(velocity.x, velocity.y, -max(-climb, min(climb, short_m)))
-    return velocity
+    return _at_height(agent, agent.planned_ned_m_s)
 
 
 def hold(agent: Agent) -> Vec3 | None:
@@ -123,18 +121,16 @@ def hold(agent: Agent) -> Vec3 | None:
 def come_home(agent: Agent) -> Vec3 | None:
     """Fly back along ground the vehicle has flown before."""
     flight, place = agent.orders.flight, agent.telemetry.position_ned_m
-    if agent.in_phase_s > flight.return_timeout_s:
-        agent.enter(Cause.LAND, f"not home after {flight.return_timeout_s:.0f} s")
-        return None
+    if agent.in_phase_s > flight.return_timeout_s and _is_free_below(agent):
+        return _settle(agent, Cause.LAND, f"not home after {flight.return_timeout_s:.0f} s")
     if agent.route is None:
         agent.route = Route(agent.trail.way_home())
     velocity = agent.route.velocity(place, flight.speed_m_s)
     if agent.route.is_done():
-        agent.enter(Cause.HOME, IS_HOME)
-        return None
+        return _settle(agent, Cause.HOME, IS_HOME)
     if math.hypot(velocity.x, velocity.y) > 0.1:
         agent.yaw_rad = math.atan2(velocity.y, velocity.x)
-    return velocity
+    return _at_height(agent, velocity)
 
 
 def land(agent: Agent) -> Vec3 | None:
@@ -168,6 +164,33 @@ DUTIES: dict[Phase, Duty] = {
     Phase.LANDING: land,
     Phase.YIELDED: give_way,
 }
+
+
+def _settle(agent: Agent, cause: Cause, reason: str) -> Vec3 | None:
+    """Come to rest, then enter what ends in a landing."""
+    if math.hypot(*agent.telemetry.velocity_ned_m_s) < SETTLED_M_S:
+        agent.enter(cause, reason)
+        return None
+    return _at_height(agent, ZERO)
+
+
+def _is_free_below(agent: Agent) -> bool:
+    """Whether the vehicle is over the floor it started from, and no peer is near or below."""
+    telemetry = agent.telemetry
+    peers = agent.peers.near(telemetry.position_ned_m, agent.now)
+    return telemetry.ranges_m[DOWN] > telemetry.height_m - ON_GROUND_M and all(
+        math.hypot(peer.offset_ned_m.x, peer.offset_ned_m.y) > agent.orders.limits.separation_m
+        for peer in peers
+    )
+
+
+def _at_height(agent: Agent, velocity: Vec3) -> Vec3:
+    """Keep the mission's height when it flies in two dimensions."""
+    if agent.orders.planner.dimensions == 3:
+        return velocity
+    climb_m_s = agent.orders.flight.climb_m_s
+    short_m = agent.orders.flight.height_m - agent.telemetry.height_m
+    return Vec3(velocity.x, velocity.y, -max(-climb_m_s, min(climb_m_s, short_m)))
 
 
 def _towards(target: Vec3, place: Vec3) -> Vec3:

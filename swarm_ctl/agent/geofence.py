@@ -17,6 +17,12 @@ VERTICAL_BRAKING_M_S2 = 0.5
 """Half of what ArduPilot brakes with vertically (WPNAV_ACCEL_Z 1 m/s2)."""
 
 
+GIVE_WAY_M = 0.6
+"""A peer this much beyond the separation, straight ahead, is passed on the right."""
+GIVE_WAY, IN_THE_WAY = 0.6, 0.7
+"""Speed aside per speed ahead; cosine of the angle within which a peer is in the way."""
+
+
 class Motion(NamedTuple):
     """How the vehicle moves, in its own local frame."""
 
@@ -28,7 +34,9 @@ class Motion(NamedTuple):
 class Guard:
     """Bend a demanded velocity until it breaks no limit (ALGORITHM 3.4)."""
 
-    def __init__(self, limits: Limits, flight: FlightParams) -> None:
+    def __init__(self, limits: Limits, flight: FlightParams, *, is_level: bool = False) -> None:
+        """Take the limits; a mission that `is_level` lets peers push sideways only."""
+        self._is_level = is_level
         self._limits = limits
         self._speed = flight.speed_m_s
         self._climb = flight.climb_m_s
@@ -48,10 +56,12 @@ class Guard:
         are taken as they will be when the vehicle has begun to obey: it flies on for
         `flight.response_s` first.
         """
-        constraints = [
+        peers = self._levelled(peers) if self._is_level else peers
+        velocity = self._keep_right(velocity, peers)
+        constraints = [  # the last one wins where they contradict: walls leave the least room
             *self._fence(motion),
-            *self._walls(motion, ranges_m),
             *self._peers(motion, peers),
+            *self._walls(motion, ranges_m),
         ]
         return Vec3(*limit_velocity(velocity, constraints, self._speed, self._climb))
 
@@ -83,6 +93,29 @@ class Guard:
                 room = wall_limit(left, standoff, VERTICAL_BRAKING_M_S2)
                 walls.append(Constraint(0.0, 0.0, down, room))
         return walls
+
+    def _keep_right(self, velocity: Vec3, peers: Sequence[Neighbour]) -> Vec3:
+        """Turn right of a peer in the way, as ships do: two that meet head-on would both stop."""
+        speed = math.hypot(velocity.x, velocity.y)
+        for offset, _ in peers:
+            distance = math.hypot(offset.x, offset.y)
+            if distance > self._limits.separation_m + GIVE_WAY_M or speed < 1e-6:
+                continue
+            ahead = (velocity.x * offset.x + velocity.y * offset.y) / max(distance * speed, 1e-6)
+            if ahead > IN_THE_WAY:
+                aside = speed * GIVE_WAY / max(distance, 1e-3)
+                return Vec3(
+                    velocity.x - offset.y * aside, velocity.y + offset.x * aside, velocity.z
+                )
+        return velocity
+
+    def _levelled(self, peers: Sequence[Neighbour]) -> list[Neighbour]:
+        """Flatten peers at about the own height; who is far above or below is in nobody's way."""
+        return [
+            Neighbour(Vec3(offset.x, offset.y, 0.0), velocity)
+            for offset, velocity in peers
+            if abs(offset.z) < self._limits.separation_m
+        ]
 
     def _peers(self, motion: Motion, peers: Sequence[Neighbour]) -> list[Constraint]:
         separation, (vx, vy, vz) = self._limits.separation_m, motion.velocity_ned_m_s

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 
 from swarm_ctl.model import Vec3
 
 CELL_M = 0.5
+APPROACH = 0.6
+"""Speed per distance to the last place, 1/s: vehicles that follow late do not overshoot."""
+STEP_M = 0.75
+"""Two places this close have no wall between them: a vehicle keeps 0.45 m from either side."""
+FAR = Vec3(math.inf, math.inf, math.inf)
 Cell = tuple[int, int, int]
+_NEIGHBOURS = [beside for beside in itertools.product((-1, 0, 1), repeat=3) if any(beside)]
 
 
 class Trail:
-    """Cells visited, joined where the vehicle flew from one into the next."""
+    """Cells visited, joined where the vehicle flew from one into the next, or could have."""
 
     def __init__(self) -> None:
         self._places: dict[Cell, Vec3] = {}
@@ -24,12 +31,20 @@ class Trail:
         cell = _cell(position_ned_m)
         if cell == self._here:
             return
-        self._places.setdefault(cell, position_ned_m)
-        joined = self._joined.setdefault(cell, set())
+        if cell not in self._places:
+            self._places[cell] = position_ned_m
+            self._joined[cell] = set()
+            for beside in _NEIGHBOURS:
+                near = (cell[0] + beside[0], cell[1] + beside[1], cell[2] + beside[2])
+                if math.dist(self._places.get(near, FAR), position_ned_m) <= STEP_M:
+                    self._join(cell, near)
         if self._here is not None:
-            joined.add(self._here)
-            self._joined[self._here].add(cell)
+            self._join(cell, self._here)
         self._here = cell
+
+    def _join(self, one: Cell, other: Cell) -> None:
+        self._joined[one].add(other)
+        self._joined[other].add(one)
 
     def way_home(self) -> list[Vec3]:
         """Fewest-cells way from here to where the trail began, the start last."""
@@ -64,15 +79,20 @@ class Route:
 
     def velocity(self, position_ned_m: Vec3, speed_m_s: float) -> Vec3:
         """Steer to the next place, slower near the last one."""
-        while self._places and math.dist(self._places[0], position_ned_m) < self._reach_m:
+        while self._places and self._is_at(self._places[0], position_ned_m):
             self._places.popleft()
         if not self._places:
             return Vec3(0.0, 0.0, 0.0)
         target = self._places[0]
         distance = math.dist(target, position_ned_m)
         is_last = len(self._places) == 1
-        scale = (min(speed_m_s, distance) if is_last else speed_m_s) / distance
+        scale = (min(speed_m_s, APPROACH * distance) if is_last else speed_m_s) / distance
         return Vec3(*((t - p) * scale for t, p in zip(target, position_ned_m, strict=True)))
+
+    def _is_at(self, place: Vec3, position: Vec3) -> bool:
+        """Reached level, and nearly so in height: two-dimensional missions keep their own."""
+        level_m = math.hypot(place.x - position.x, place.y - position.y)
+        return level_m < self._reach_m and abs(place.z - position.z) < 2.0 * self._reach_m
 
 
 def _cell(position: Vec3) -> Cell:

@@ -12,6 +12,8 @@ from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot.telemetry import PeerFix
 from swarm_ctl.model import ZERO, Vec3
 
+MET_S = 0.3
+"""Fix and beacon this young belong together: in this time a vehicle moves a footprint's part."""
 FRESH_S = 1.0
 """A peer silent for longer is out of range (ALGORITHM 3.4: seen in the last second)."""
 
@@ -25,6 +27,8 @@ class Peer:
     velocity_ned_m_s: Vec3 = ZERO
     phase: Phase | None = None
     heard: tuple[int, ...] = ()
+    beacon: Beacon | None = None
+    """The last one heard."""
     beacon_s: float = -math.inf
 
 
@@ -63,7 +67,13 @@ class PeerTable:
             self._early[sysid] = (beacon, now)
             return
         peer.velocity_ned_m_s, peer.phase = beacon.velocity_ned_m_s, beacon.phase
-        peer.heard, peer.beacon_s = beacon.heard, now
+        peer.heard, peer.beacon, peer.beacon_s = beacon.heard, beacon, now
+
+    def is_ours(self, sysid: int) -> bool:
+        """Whether a peer's beacon of our mission has been heard."""
+        return sysid in self._early or (
+            sysid in self._peers and self._peers[sysid].beacon is not None
+        )
 
     def near(self, own_ned_m: Vec3, now: float) -> list[Neighbour]:
         """Give every fresh peer, dead-reckoned to now, ordered by sysid."""
@@ -72,6 +82,14 @@ class PeerTable:
     def heard(self, now: float) -> tuple[int, ...]:
         """Give the sysids of fresh peers, in order."""
         return tuple(sorted(i for i, p in self._peers.items() if now - p.fixed_s <= FRESH_S))
+
+    def met(self, now: float) -> list[tuple[int, Peer]]:
+        """Give the peers that were measured and told of themselves just now, by sysid."""
+        return [
+            (sysid, peer)
+            for sysid, peer in sorted(self._peers.items())
+            if now - peer.fixed_s <= MET_S and now - peer.beacon_s <= MET_S
+        ]
 
     def contacts(self, now: float) -> tuple[list[int], list[int]]:
         """Tell who came into range and who was lost since the last call."""

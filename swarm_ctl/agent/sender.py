@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from swarm_ctl import wire
-from swarm_ctl.agent import beacon as beacons
 from swarm_ctl.autopilot.command import Command
 from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.model import Setpoint
@@ -53,10 +52,9 @@ class Sender:
             0.0,
         )
 
-    def beacon(self, beacon: beacons.Beacon) -> bytes:
+    def broadcast(self, payload_type: int, payload: bytes) -> bytes:
         """Tell every peer in radio range; target system 0 makes it a broadcast."""
-        payload = beacons.encode(beacon)
-        return self._pack(_TUNNEL, 0, 0, beacons.PAYLOAD_TYPE, len(payload), payload)
+        return self._pack(_TUNNEL, 0, 0, payload_type, len(payload), payload)
 
     def _pack(self, message: wire.Message, *values: object) -> bytes:
         frame = message.pack(self.sent & 0xFF, self.sysid, COMPANION_COMPONENT, *values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,25 @@ SLOW = 0.05
 """Fraction of the planner's speed below which the direction of travel says nothing."""
 
 
+EXPLORE: dict[str, Any] = {"social": 0.1, "keep_repulsion": False, "repulsion_max": 2.0}
+"""Defaults of kind `explore` that differ (ALGORITHM 2.6: F3)."""
+EXPLORE_WIDTHS = {"levy_min_m": 2.0 / 0.6, "levy_max_m": 5.0 / 0.6}
+"""The same, in widths of the footprint."""
+EXPLORE_3D: dict[str, Any] = {
+    **EXPLORE,
+    "social": 0.5,
+    "candidates": 24,
+    "adjacency": 0.0,
+    "abort_below": 4.0,
+    "clearance_m": 0.5,
+    "footprint_m": 1.0,
+    "footprint_shape": "disc",
+}
+"""Defaults of kind `explore` in 3-D (ALGORITHM 3.3)."""
+EXPLORE_3D_WIDTHS = {"levy_min_m": 1.0, "levy_max_m": 10.0, "cell_m": 0.25}
+"""The same, in widths of the footprint."""
+
+
 class PlannerParams(BaseModel):
     """What the paper leaves open or sets in its experiments; lengths in metres.
 
@@ -34,10 +53,11 @@ class PlannerParams(BaseModel):
         frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False
     )
 
-    kind: Literal["lf-pso", "levy", "pso"] = "lf-pso"
+    kind: Literal["lf-pso", "levy", "pso", "explore"] = "lf-pso"
     """The hybrid, or its baselines: `levy` has no social term, `pso` no Levy steps.
 
-    "For comparison, we selected the traditional PSO, and LF."
+    "For comparison, we selected the traditional PSO, and LF." `explore` is the hybrid with a
+    memory that vehicles share (LF-PSO-M); it has defaults of its own, see `EXPLORE`.
     """
     dimensions: Literal[2, 3] = 2
     """2: height is nobody's business here. 3: steps and repulsion climb and descend, too."""
@@ -90,6 +110,50 @@ class PlannerParams(BaseModel):
     stall_time_s: float = Field(default=1.0, gt=0.0)
     """Window of that path, s, rounded up to planner steps. Larger: waits longer."""
 
+    footprint_m: float = Field(default=0.3, gt=0.0)
+    """Half the width of what counts as seen (`explore`), m. Larger: lanes farther apart.
+
+    "The robot's size was considered as 0.6 * 0.6m, and the area covered by a robot based on its
+    size was treated as explored."
+    """
+    footprint_shape: Literal["square", "disc"] = "square"
+    """The paper's square along the axes, or a disc; in 3-D always a sphere."""
+    cell_m: float = Field(default=0.2, gt=0.0)
+    """Edge of a cell of the memory, m. Larger: quicker, and narrow doors close."""
+    clearance_m: float = Field(default=0.3, gt=0.0)
+    """Half the width that a straight step needs between walls, m. Larger: keeps off corners."""
+    standoff_m: float = Field(default=0.2, ge=0.0)
+    """Distance from a wall at which a step towards it ends, m. Larger: turns earlier."""
+    wall_dilation_cells: int = Field(default=1, ge=0)
+    """Cells around a wall that no path to a frontier enters. Larger: narrow doors close."""
+    candidates: int = Field(default=16, ge=1, le=64)
+    """Steps among which a decision chooses. Larger: greedier."""
+    adjacency: float = Field(default=1.0, ge=0.0)
+    """Worth of new ground beside known ground, as much again. Larger: tidier sweeps."""
+    abort_below: float = Field(default=2.0, ge=0.0)
+    """New samples in the strip ahead below which a step ends early. Larger: ends earlier."""
+    frontier_below: float = Field(default=0.1, ge=0.0)
+    """Share of new ground below which a step is not worth it and a frontier is sought."""
+    target_exclusion_m: float = Field(default=5.0, ge=0.0)
+    """Frontiers closer than this to a peer's target are left to it, m."""
+    peer_weight: float = Field(default=0.3, ge=0.0)
+    """Malus of a step towards a peer's last position or target. Larger: spreads more."""
+    memory_s: float = Field(default=60.0, gt=0.0)
+    """Time in which a sighting of a peer fades to 1/e, s. Larger: keeps away for longer."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _explore_defaults(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("kind") != "explore":
+            return data
+        is_flat = data.get("dimensions", 2) != 3
+        defaults = {"footprint_m": 0.3, **(EXPLORE if is_flat else EXPLORE_3D), **data}
+        if not isinstance(defaults["footprint_m"], int | float):
+            return data  # the field itself says what is wrong with it
+        widths = EXPLORE_WIDTHS if is_flat else EXPLORE_3D_WIDTHS
+        scaled = {name: 2.0 * defaults["footprint_m"] * width for name, width in widths.items()}
+        return {**scaled, **defaults}
+
     @model_validator(mode="after")
     def _order_lengths(self) -> Self:
         if self.levy_min_m > self.levy_max_m:
@@ -127,6 +191,8 @@ class Planner:
         climb_m_s: float,
         seeds: Sequence[Seed],
     ) -> None:
+        if params.kind == "explore":
+            raise ValueError("kind explore is an Explorer: use explorer.make_planner")
         if speed_m_s <= 0.0 or (params.dimensions == 3 and climb_m_s <= 0.0):
             raise ValueError("speed and, in 3-D, climb must be positive")
         n, d = len(seeds), params.dimensions

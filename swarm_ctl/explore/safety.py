@@ -16,7 +16,7 @@ from swarm_ctl.model import Vec3
 
 Number = TypeVar("Number", float, NDArray[np.float64])
 
-TOLERANCE_M_S = 0.05
+TOLERANCE_M_S = 0.01
 """Approach beyond a limit that is let pass where limits contradict each other."""
 _SETTLED_M_S = 1e-6
 

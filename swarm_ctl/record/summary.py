@@ -154,6 +154,8 @@ def _went_wrong(
         elif explored_s < duration_s - 2.0 and not is_cut_short:
             reason = f"explored {explored_s:.0f} s instead of {duration_s:.0f} s"
             reason += f" ({one.reason})" if one.reason else ""
+        elif one.reason and not is_cut_short:
+            reason = one.reason
         else:
             continue
         who.setdefault(reason, []).append(one.sysid)

@@ -49,6 +49,23 @@ def test_a_peer_too_close_pushes_away() -> None:
     assert GUARD.confine(Vec3(0, 0, 0), at_rest(), CLEAR, [peer]).x < -0.3
 
 
+def test_two_that_meet_head_on_pass_each_other_on_the_right() -> None:
+    north, south = Vec3(1, 0, 0), Vec3(-1, 0, 0)
+    ahead, behind = Neighbour(Vec3(1.0, 0, 0), ZERO), Neighbour(Vec3(-1.0, 0, 0), ZERO)
+    assert GUARD.confine(north, at_rest(), CLEAR, [ahead]).y > 0.3  # north-bound: east is right
+    assert GUARD.confine(south, at_rest(), CLEAR, [behind]).y < -0.3
+    assert GUARD.confine(north, at_rest(), CLEAR, [behind]).y == pytest.approx(0.0, abs=1e-6)
+
+
+def test_in_a_level_mission_peers_push_sideways_only() -> None:
+    level = Guard(LIMITS, FlightParams(speed_m_s=2.0, climb_m_s=1.0), is_level=True)
+    aslant = Neighbour(Vec3(0.7, 0, 0.3), ZERO)
+    assert level.confine(ZERO, at_rest(), CLEAR, [aslant]).z == 0.0
+    assert level.confine(ZERO, at_rest(), CLEAR, [aslant]).x < -0.3
+    far_below = Neighbour(Vec3(0.1, 0, 1.5), ZERO)
+    assert level.confine(Vec3(1, 0, 0), at_rest(), CLEAR, [far_below]).x == pytest.approx(1.0)
+
+
 def test_a_peer_that_comes_closer_stops_a_vehicle_sooner() -> None:
     ahead, offset = Vec3(1, 0, 0), Vec3(1.8, 0, 0)
     still = GUARD.confine(ahead, at_rest(), CLEAR, [Neighbour(offset, ZERO)])

@@ -159,7 +159,11 @@ def test_the_schema_explains_every_key() -> None:
         ("vehicles: 251", "vehicles", "must be at most 250, not 251"),
         ("seed: -1", "seed", "must be at least 0, not -1"),
         ("autopilot: px5", "autopilot", "must be 'px4', 'ardupilot' or 'mixed', not 'px5'"),
-        ("planner: {kind: ants}", "planner.kind", "must be 'lf-pso', 'levy' or 'pso', not 'ants'"),
+        (
+            "planner: {kind: ants}",
+            "planner.kind",
+            "must be 'lf-pso', 'levy', 'pso' or 'explore', not 'ants'",
+        ),
         ("planner: {inertia: heavy}", "planner.inertia", "must be a number, not 'heavy'"),
         ("planner: {inertia: 1}", "planner.inertia", "must be less than 1, not 1"),
         ("planner: 3", "planner", "must be a block of keys, not 3"),

@@ -12,11 +12,16 @@ TAG = mission_tag("test")
 
 
 def beacon(velocity: Vec3 = ZERO, heard: tuple[int, ...] = ()) -> Beacon:
-    return Beacon(TAG, Phase.EXPLORING, velocity, heard)
+    return Beacon(TAG, Phase.EXPLORING, velocity, Vec3(1.0, -2.0, -1.5), None, heard)
 
 
 def test_a_beacon_comes_back_as_it_was() -> None:
     sent = beacon(Vec3(1.25, -0.5, 0.07), (2, 300, 70_000))
+    assert decode(encode(sent)) == sent
+
+
+def test_a_beacon_tells_its_target_when_it_has_one() -> None:
+    sent = Beacon(TAG, Phase.AVOIDING, ZERO, Vec3(-400.0, 3.25, 0.0), Vec3(0.0, 12.5, -3.0), ())
     assert decode(encode(sent)) == sent
 
 

@@ -346,8 +346,8 @@ def office_truth(run: Path, *, seed: int = 1, vehicles: int = 10, is_volume: boo
 
 
 FLOWN = [
-    VehicleResult(1, "done", "landed", 600, 9000, 2, [1], 5.0, 65.0),
-    VehicleResult(2, "done", "landed", 600, 9000, 0, [], 6.0, 66.0),
+    VehicleResult(1, "done", "", 600, 9000, 2, [1], 5.0, 65.0),
+    VehicleResult(2, "done", "", 600, 9000, 0, [], 6.0, 66.0),
     VehicleResult(
         3, "failed", "vehicle 3: nothing heard from its autopilot since 61.2 s", 500, 1, 1
     ),

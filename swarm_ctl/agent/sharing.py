@@ -1,0 +1,89 @@
+"""What peers tell one another of the ground they have seen, over the radio's broadcasts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from swarm_ctl.agent.beacon import SUMMARY_TYPE, TRAIL_TYPE
+from swarm_ctl.agent.peers import PeerTable
+from swarm_ctl.explore.explorer import Explorer
+from swarm_ctl.model import Vec3
+
+MEET_S = 1.0
+"""Between two contacts taken note of, and between two summaries; once a second is enough
+(ALGORITHM 2.6)."""
+TRAILS_PER_TICK = 1
+"""Bounds the traffic at 1.4 kB/s a vehicle."""
+LATENCY_S = 0.1
+"""From a peer's position to its beacon here, about one tick; a velocity bridges it."""
+SCAN_M = 2.0
+"""Scanner hits farther than this are left for later, when they are seen more exactly."""
+PEER_M = 0.6
+"""Hits this close to a peer are the peer."""
+
+
+class Sharing:
+    """Feed an explorer with what is seen and heard, and give what it has to tell."""
+
+    def __init__(self, explorer: Explorer, dimensions: int) -> None:
+        self.explorer = explorer
+        self._dimensions = dimensions
+        self._next_meeting_s = 0.0
+        self._next_summary_s = 0.0
+
+    def see(self, scan_m: Iterable[Vec3], own_ned_m: Vec3, peers_m: Sequence[Vec3]) -> None:
+        """Take scanner hits, relative to the vehicle; peers are no walls."""
+        hits = [
+            hit
+            for hit in scan_m
+            if math.hypot(hit.x, hit.y) <= SCAN_M
+            and all(math.hypot(hit.x - p.x, hit.y - p.y) > PEER_M for p in peers_m)
+        ]
+        if hits:
+            points = np.array(hits) + np.array(own_ned_m)
+            self.explorer.observe_hits(points[:, : self._dimensions])
+
+    def meet(self, peers: PeerTable, now: float) -> None:
+        """Take note of contacts: who is where, in his frame and in ours."""
+        if now < self._next_meeting_s:
+            return
+        met = peers.met(now)
+        if met:
+            self._next_meeting_s = now + MEET_S
+        d = self._dimensions
+        for sysid, peer in met:
+            beacon = peer.beacon
+            if beacon is None:
+                continue
+            age_s = peer.fixed_s - peer.beacon_s + LATENCY_S
+            moved = zip(beacon.position_ned_m, beacon.velocity_ned_m_s, strict=True)
+            there = [place + velocity * age_s for place, velocity in moved]
+            target = None if beacon.target_ned_m is None else beacon.target_ned_m[:d]
+            self.explorer.hear_peer(
+                sysid,
+                now,
+                [0.0] * d,
+                there[:d],
+                target,
+                own_position_m=peer.position_ned_m[:d],
+            )
+
+    def hear(self, sysid: int, payload_type: int, payload: bytes) -> None:
+        """Take a peer's summary or a piece of a trail."""
+        if payload_type == SUMMARY_TYPE:
+            self.explorer.hear_summary(sysid, payload)
+        elif payload_type == TRAIL_TYPE:
+            self.explorer.hear_chunk(sysid, payload)
+
+    def outgoing(self, has_peers: bool, now: float) -> list[tuple[int, bytes]]:
+        """Give payload types and payloads to broadcast now."""
+        if not has_peers:
+            return []
+        told = [(TRAIL_TYPE, payload) for payload in self.explorer.outbox(TRAILS_PER_TICK)]
+        if now >= self._next_summary_s:
+            self._next_summary_s = now + MEET_S
+            told.append((SUMMARY_TYPE, self.explorer.summary()))
+        return told

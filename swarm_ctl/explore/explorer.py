@@ -1,0 +1,577 @@
+"""LF-PSO-M: the hybrid with a memory that it shares, for one vehicle (ALGORITHM 2.6 and 3.3)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_ctl.explore import kernels
+from swarm_ctl.explore.avoidance import Avoidance, StallWatch
+from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
+from swarm_ctl.explore.frontier import find_way
+from swarm_ctl.explore.levy import levy_length
+from swarm_ctl.explore.memory import VisitedMap
+from swarm_ctl.explore.planner import SLOW, Plan, Planner, PlannerParams
+from swarm_ctl.explore.repulsion import repulsion
+from swarm_ctl.explore.trails import LINE, START, WALL_X, News, Trails
+
+DEVIATION_M = 0.1
+"""How far a trail may stray from the straight line between two points of its log."""
+SEGMENT_M = 3.0
+"""Longest straight line of a log: what is not in the log yet cannot be told."""
+JUMP_M = 3.0
+"""A position farther than this from the last one is a new beginning, not a way flown."""
+_ROW: Rows = np.zeros(1, dtype=np.intp)
+
+
+class Explorer:
+    """Plan one vehicle's way over ground that nobody it has met has seen.
+
+    `step` is called once per period as with `Planner` (n = 1); the other calls come as things are
+    seen and heard. All positions are metres in the vehicle's own frame unless the name says so.
+    """
+
+    def __init__(
+        self,
+        params: PlannerParams,
+        *,
+        speed_m_s: float,
+        climb_m_s: float,
+        seed: Seed,
+        sysid: int = 0,
+    ) -> None:
+        if params.kind != "explore":
+            raise ValueError(f"a planner of kind {params.kind} has no memory")
+        if speed_m_s <= 0.0 or (params.dimensions == 3 and climb_m_s <= 0.0):
+            raise ValueError("speed and, in 3-D, climb must be positive")
+        self.params = params
+        d = self._d = params.dimensions
+        self._level_m = speed_m_s * params.period_s
+        self._climb_m = climb_m_s * params.period_s
+        self._chance = Chance([seed])
+        self.memory = VisitedMap(
+            d,
+            params.cell_m,
+            params.footprint_m,
+            is_square=params.footprint_shape == "square",
+            dilation=params.wall_dilation_cells,
+        )
+        self.trails = Trails(sysid, d)
+        self._avoidance = Avoidance(1, params.avoid_distance_m, d)
+        window = math.ceil(params.stall_time_s / params.period_s - 1e-9)
+        self._stall = StallWatch(1, window, params.stall_distance_m)
+        self._swath = Swath(params)
+        self._peers: dict[int, list[float]] = {}
+        self._now = 0.0
+        self._place: list[float] = []
+        self._vertex: list[float] = []
+        self._since: list[list[float]] = []
+        self._motion = [0.0, 0.0, 0.0]
+        self._commanded_m = 0.0
+        self._facing_rad = 0.0
+        self._target: list[float] | None = None
+        self._corners: deque[list[float]] = deque()
+        self._goal: list[float] | None = None
+        self._length_m = 0.0
+        self._travelled_m = 0.0
+        self._steps = 0
+        self._is_new = False
+        self._was_avoiding = False
+        self.searches = 0
+        """Frontier searches so far."""
+
+    # -- what is seen and heard ----------------------------------------------------------------
+
+    def observe_hits(self, points_m: Floats) -> None:
+        """Take wall points (h, d) that beams have hit; the cell behind each is a wall."""
+        if not self._place:
+            return
+        place, half = self._place, 0.5 * self.params.cell_m
+        for point in points_m.tolist():
+            beam = [p - own for p, own in zip(point, place, strict=True)]
+            far = math.hypot(*beam)
+            if not 1e-6 < far < math.inf:
+                continue
+            axis = max(range(self._d), key=lambda index, beam=beam: abs(beam[index]))  # type: ignore[misc]
+            self._add_wall([p + half * b / far for p, b in zip(point, beam, strict=True)], axis)
+
+    def hear_peer(
+        self,
+        sysid: int,
+        now: float,
+        offset_m: Sequence[float],
+        peer_position_m: Sequence[float],
+        target_m: Sequence[float] | None = None,
+        *,
+        own_position_m: Sequence[float] | None = None,
+    ) -> None:
+        """Note a contact: a peer is at `offset_m` from here, and says where that is in its frame.
+
+        `peer_position_m` and `target_m` are in the peer's frame. With axes along north in both
+        frames that gives the shift between them. `own_position_m` is where this vehicle was when
+        the offset was measured; without it the position of the last step counts.
+        """
+        own = own_position_m if own_position_m is not None else self._place
+        values = [*offset_m, *peer_position_m, *(target_m or ())]
+        if len(own) == 0 or not all(map(math.isfinite, values)):
+            return
+        self._now = max(self._now, now)
+        place = [float(p) + float(o) for p, o in zip(own, offset_m, strict=True)]
+        shift = tuple(p - float(q) for p, q in zip(place, peer_position_m, strict=True))
+        self.trails.meet(sysid, self._now, shift)
+        seen = [self._now, *_three(place), 0.0, 0.0, 0.0, 0.0]
+        if target_m is not None:
+            target = [float(t) + s for t, s in zip(target_m, shift, strict=True)]
+            seen[4:] = [*_three(target), 1.0]
+        self._peers[sysid] = seen
+
+    def summary(self) -> bytes:
+        """Give the version vector for the next beacon: origins and lengths of their logs."""
+        return self.trails.summary()
+
+    def hear_summary(self, sysid: int, data: bytes) -> None:
+        """Take a peer's version vector."""
+        self.trails.hear_summary(sysid, data)
+
+    def outbox(self, most_payloads: int) -> list[bytes]:
+        """Give what peers in contact lack, in payloads for everybody in range."""
+        payloads = self.trails.outbox(most_payloads, self._now)
+        if self._since and math.dist(self._vertex, self._since[-1]) > self.params.footprint_m:
+            self._append(LINE, self._since[-1])
+        return payloads
+
+    def hear_chunk(self, sysid: int, data: bytes) -> None:
+        """Take a payload of a peer's outbox: any number of times, in any order."""
+        for news in self.trails.hear_chunk(sysid, data):
+            self._paint(news)
+
+    def _paint(self, news: News) -> None:
+        shift, last = news.shift_m, news.before_cm
+        for kind, point_cm in news.entries:
+            point = [cm / 100.0 + s for cm, s in zip(point_cm, shift, strict=True)]
+            if kind >= WALL_X:
+                self.memory.wall(point, kind - WALL_X)
+                continue
+            before = point
+            if kind == LINE and last is not None:
+                before = [cm / 100.0 + s for cm, s in zip(last, shift, strict=True)]
+            self.memory.sweep(before, point)
+            last = point_cm
+
+    # -- the step ------------------------------------------------------------------------------
+
+    @property
+    def target_m(self) -> list[float] | None:
+        """Where this vehicle is heading to, to be told to its peers."""
+        return self._goal or self._target
+
+    def step(
+        self, position_m: Floats, heading_rad: Floats, ranges_m: Floats, peers_m: Floats
+    ) -> Plan:
+        """Plan once per period from (1, d), (1,), (1, 6) and (1, k, d); ValueError for others."""
+        d = self._d
+        if position_m.shape != (1, d) or ranges_m.shape != (1, 6) or peers_m.shape[::2] != (1, d):
+            raise ValueError(f"expected arrays for one vehicle in {d}-D")
+        place = position_m[0].tolist()
+        is_stalled = self._account(place, float(heading_rad[0]))
+        self._now += self.params.period_s
+        ranges_m = self._reflex(ranges_m)
+        turned = self._avoidance.update(heading_rad, ranges_m, self._chance)
+        suspended = bool(self._avoidance.suspends[0])
+        if is_stalled:
+            self._mark_stall(place)
+        if not suspended and (is_stalled or turned.size > 0 or self._is_due(place)):
+            self._decide(place)
+        self._fly(place, peers_m)
+        if self._avoidance.is_active[0]:
+            self._avoid()
+        if self._commanded_m > SLOW * self._level_m:
+            self._facing_rad = math.atan2(self._motion[1], self._motion[0])
+        is_new, self._is_new = self._is_new, False
+        target = self._target or place
+        return Plan(
+            np.array([self._motion[:d]]) / self.params.period_s,
+            np.array([self._facing_rad]),
+            self._avoidance.is_active,
+            np.array([target]),
+            np.array([is_new]),
+        )
+
+    def _account(self, place: list[float], heading_rad: float) -> bool:
+        """Remember the way since the last step; tell whether the vehicle is stalled."""
+        last, self._place = self._place, place
+        if not last or math.dist(last, place) > JUMP_M + 3.0 * self._level_m:
+            self._facing_rad = heading_rad
+            self.memory.sweep(place, place)
+            self._append(START, place)
+            self._target = None
+            return False
+        moved_m = math.dist(last, place)
+        self._travelled_m += moved_m
+        if moved_m > 0.0:
+            self.memory.sweep(last, place)
+            self._log(place)
+        stalled = self._stall.update(np.array([moved_m]), np.array([self._commanded_m]))
+        return stalled.size > 0
+
+    def _log(self, place: list[float]) -> None:
+        """Append the last point to the own log when the way bends or gets long behind it."""
+        if self._since:
+            strays = any(_stray(p, self._vertex, place) > DEVIATION_M for p in self._since)
+            if strays or math.dist(self._vertex, place) > SEGMENT_M:
+                self._append(LINE, self._since[-1])
+        self._since.append(place)
+
+    def _append(self, kind: int, point: list[float]) -> None:
+        self.trails.append(kind, point)
+        self._vertex, self._since = point, []
+
+    def _add_wall(self, point: list[float], axis: int) -> None:
+        if self.memory.wall(point, axis):
+            self.trails.append(WALL_X + axis, point)
+
+    def _mark_stall(self, place: list[float]) -> None:
+        """Take what a vehicle cannot pass for a wall, unless it is a peer."""
+        for seen in self._peers.values():
+            if self._now - seen[0] < 1.0 and math.dist(seen[1:4], _three(place)) < 2.0:
+                return
+        size = math.hypot(*self._motion)
+        if size > 0.0:
+            unit = [part / size for part in self._motion[: self._d]]
+            cell_m, ahead_m = self.params.cell_m, self.params.clearance_m
+            self.memory.block([p + cell_m * u for p, u in zip(place, unit, strict=True)])
+            reach = (ahead_m + cell_m) / cell_m
+            if not kernels.wall_within(self.memory.grid, self.memory.cells(place), reach):
+                axis = max(range(self._d), key=lambda index: abs(unit[index]))
+                ahead_m += 0.5 * cell_m
+                self.memory.wall([p + ahead_m * u for p, u in zip(place, unit, strict=True)], axis)
+        if self._goal is not None:
+            self.memory.give_up(self._goal, self.params.cell_m)
+
+    def _reflex(self, ranges_m: Floats) -> Floats:
+        """Leave to Table I only what the memory cannot explain.
+
+        Where the map shows the wall that the front beam sees, the way past it was chosen with
+        that wall in mind: the table would turn the vehicle away from every door.
+        """
+        front_m = float(ranges_m[0, 0])
+        masked = ranges_m.copy()
+        if front_m < self.params.avoid_distance_m:
+            reach = (front_m + 2.0 * self.params.cell_m) / self.params.cell_m
+            if not kernels.wall_within(self.memory.grid, self.memory.cells(self._place), reach):
+                return masked
+        masked[0, :4] = math.inf
+        return masked
+
+    # -- deciding ------------------------------------------------------------------------------
+
+    def _is_due(self, place: list[float]) -> bool:
+        """Tell whether it is time for a new target."""
+        target = self._target
+        if target is None:
+            return True
+        self._steps += 1
+        reach_m = max(0.75 * self.params.cell_m, 0.6 * self._level_m)
+        if math.dist(place, target) <= reach_m:
+            if not self._corners:
+                return True
+            self._target = self._corners.popleft()
+            self._length_m += math.dist(place, self._target)
+            self._is_new = True
+            return False
+        if self._travelled_m >= 1.3 * self._length_m + reach_m:
+            return True
+        if self._goal is not None:
+            return self._steps % 4 == 0 and not self._is_goal_open()
+        new, free_m = self._swath.ahead(self.memory, place, target)
+        return free_m < self.params.cell_m or (self._steps >= 3 and new < self.params.abort_below)
+
+    def _is_goal_open(self) -> bool:
+        i, j, k = (math.floor(value) for value in self.memory.cells(self._goal or []))
+        return kernels.unknown_within(self.memory.grid, i, j, k, 1) > 0
+
+    def _decide(self, place: list[float]) -> None:
+        """Choose the next local best: the best candidate step, or the way to a frontier."""
+        params, swath = self.params, self._swath
+        directions, sides, lengths_m = swath.candidates(self._chance)
+        rated = swath.rate(self.memory, place, directions, sides, lengths_m)
+        best = int(np.argmax(self._scores(place, directions, rated)))
+        new, _, last, free = rated[best]
+        full = swath.inner * last / swath.pitch
+        self._corners.clear()
+        self._goal = None
+        self._travelled_m, self._steps, self._is_new = 0.0, 0, True
+        if new < 3.0 * params.frontier_below * full / 3.0 or new < 6.0:
+            if self._pull(place):
+                return
+            if new == 0.0:
+                self._roam(place, directions, rated)
+                return
+        self._head_for(place, directions[best], last * params.cell_m, free * params.cell_m)
+
+    def _scores(self, place: list[float], directions: Floats, rated: Floats) -> Floats:
+        params, swath = self.params, self._swath
+        last = rated[:, 2] / swath.pitch
+        scores: Floats = (rated[:, 0] + params.adjacency * rated[:, 1]) / (
+            swath.inner * (np.maximum(last, 1.0) + swath.overhead)
+        )
+        if self._peers:
+            ends = np.array(_three(place)) + directions * (rated[:, 2] * params.cell_m)[:, None]
+            seen = np.array(list(self._peers.values()))
+            ages = self._now - seen[:, 0]
+            weights = np.where(ages < 3.0 * params.memory_s, np.exp(-ages / params.memory_s), 0.0)
+            far = np.sqrt(((ends[:, None, :] - seen[None, :, 1:4]) ** 2).sum(axis=2))
+            here = np.sqrt(((np.array(_three(place)) - seen[:, 1:4]) ** 2).sum(axis=1))
+            to_target = np.sqrt(((ends[:, None, :] - seen[None, :, 4:7]) ** 2).sum(axis=2))
+            scale = swath.width_m / 0.6
+            near = np.where(far < here[None, :], np.exp(-far / (3.0 * scale)), 0.0)
+            near += np.exp(-to_target / (1.5 * scale)) * seen[:, 7]
+            scores -= params.peer_weight * (near @ weights)
+        return scores
+
+    def _head_for(
+        self, place: list[float], direction: Floats, last_m: float, free_m: float
+    ) -> None:
+        length = max(min(last_m, free_m - self.params.standoff_m), self.params.cell_m)
+        self._length_m = length
+        self._target = [p + length * u for p, u in zip(place, direction.tolist(), strict=False)]
+
+    def _pull(self, place: list[float]) -> bool:
+        """Follow the shortest known way to the nearest frontier; False when there is none."""
+        params = self.params
+        taken = [
+            seen[4 : 4 + self._d]
+            for seen in self._peers.values()
+            if seen[7] and self._now - seen[0] < 3.0 * params.memory_s
+        ]
+        self.searches += 1
+        corners = find_way(self.memory, place, taken, params.target_exclusion_m)
+        if not corners:
+            return False
+        self._goal = corners[-1]
+        self._corners.extend(corners)
+        self._target = self._corners.popleft()
+        self._length_m = math.dist(place, self._target)
+        return True
+
+    def _roam(self, place: list[float], directions: Floats, rated: Floats) -> None:
+        """Go on anywhere when all ground is known: others may know of more."""
+        pick = int(np.argmax(rated[:, 3] * self._chance.uniform(_ROW, len(rated))[0]))
+        free_m = float(rated[pick, 3]) * self.params.cell_m
+        self._head_for(place, directions[pick], free_m, free_m)
+
+    # -- moving --------------------------------------------------------------------------------
+
+    def _fly(self, place: list[float], peers_m: Floats) -> None:
+        """Move by Eq. 6, one random number per term, and keep the speed limits."""
+        params, target = self.params, self._target or place
+        r1, r2 = self._chance.uniform(_ROW, 2)[0].tolist()
+        pull, inertia = params.cognitive * r1, params.inertia
+        motion = [inertia * v for v in self._motion]
+        for axis in range(self._d):
+            motion[axis] += pull * (target[axis] - place[axis])
+        if params.social and peers_m.shape[1]:
+            away, _ = repulsion(peers_m, params.repulsion_vertical, params.repulsion_max)
+            for axis, part in enumerate(away[0].tolist()):
+                motion[axis] += params.social * r2 * part
+        ground = math.hypot(motion[0], motion[1])
+        kappa = self._level_m / max(ground, self._level_m)
+        kappa = min(kappa, self._climb_m / max(abs(motion[2]), self._climb_m))
+        self._motion = [v * kappa for v in motion]
+        self._commanded_m = math.hypot(*self._motion)
+
+    def _avoid(self) -> None:
+        """Put Table I in the place of Eq. 6 where sensors are triggered."""
+        if self._avoidance.suspends[0]:
+            heading = float(self._avoidance.heading_rad[0])
+            level_m = self._level_m * self.params.avoid_speed_fraction
+            self._motion[0] = level_m * math.cos(heading)
+            self._motion[1] = level_m * math.sin(heading)
+            self._commanded_m = level_m
+        rules, down = self._avoidance.vertical
+        if self._d == 3 and rules[0]:
+            climb_m = self._climb_m * self.params.avoid_climb_fraction
+            self._motion[2] = float(down[0]) * climb_m
+            if self._target is not None and (self._target[2] - self._place[2]) * down[0] < 0.0:
+                self._target[2] = self._place[2]
+
+
+class Swath:
+    """The strip of ground that a step would sweep, as the kernels look at it."""
+
+    def __init__(self, params: PlannerParams) -> None:
+        self._params = params
+        half, cell = params.footprint_m, params.cell_m
+        self._d = params.dimensions
+        self.width_m = 2.0 * half
+        across = 3 if 2.0 * half / cell < 4.5 else 5
+        if self._d == 3:
+            across = 3
+        self.pitch = 2.0 * half / cell / across
+        """Distance between samples, cells."""
+        self._stride = max(1, round(self.pitch))
+        reach = range(-(across // 2), across // 2 + 1)
+        body = params.clearance_m / cell
+        if self._d == 2:
+            swath = [(lane * self.pitch, 0.0) for lane in reach]
+            edges = [(side * (half / cell + 0.5 * self.pitch), 0.0) for side in (-1.0, 1.0)]
+        else:
+            swath = [(lane * self.pitch, rise * self.pitch) for lane in reach for rise in reach]
+            rim = half / cell + 0.5 * self.pitch
+            edges = [(rim, 0.0), (-rim, 0.0), (0.0, rim), (0.0, -rim)]
+        swath.sort(key=lambda lane: math.hypot(*lane))
+        self._bodies = sum(math.hypot(*lane) <= body for lane in swath)
+        self.inner = len(swath)
+        self._lanes = np.array(swath + edges)
+        self.overhead = 1.0 if self._d == 2 else 2.0 / (self.pitch * cell)
+        """Samples added to every step's length: short steps cost a decision, too."""
+        self._strip = (2.0 * self.width_m if self._d == 2 else 3.0) / cell
+        self._rated = np.zeros((params.candidates, 4))
+        self._one = np.zeros((1, 4))
+        headings = np.arange(8) * (math.pi / 4.0)
+        self._eight = np.stack([np.cos(headings), np.sin(headings), np.zeros(8)], axis=1)
+
+    def candidates(self, chance: Chance) -> tuple[Floats, Floats, Floats]:
+        """Draw steps: unit directions (k, 3), their lanes (k, m, 3) and lengths in metres (k,)."""
+        params, count = self._params, self._params.candidates
+        lengths = levy_length(
+            chance.uniform(_ROW, count)[0], params.levy_min_m, params.levy_max_m, params.levy_beta
+        )
+        directions = self._eight[np.arange(count) % 8]
+        if self._d == 3:
+            numbers = chance.uniform(_ROW, 2 * count)[0]
+            steepest = math.sin(math.radians(params.climb_angle_deg))
+            sine = steepest * (2.0 * numbers[:count] - 1.0)
+            heading = 2.0 * math.pi * numbers[count:]
+            level = np.sqrt(1.0 - sine * sine)
+            directions = np.stack([level * np.cos(heading), level * np.sin(heading), sine], axis=1)
+        return directions, self.lanes(directions), lengths
+
+    def lanes(self, directions: Floats) -> Floats:
+        """Give the offsets (k, m, 3) of the lanes across unit directions (k, 3), in cells."""
+        x, y, z = directions.T
+        level = np.maximum(np.hypot(x, y), 1e-9)
+        side = np.stack([-y / level, x / level, np.zeros_like(x)], axis=1)
+        rise = np.stack([-z * x / level, -z * y / level, level], axis=1)
+        lanes: Floats = (
+            self._lanes[None, :, :1] * side[:, None, :]
+            + self._lanes[None, :, 1:] * rise[:, None, :]
+        )
+        return lanes
+
+    def rate(
+        self,
+        memory: VisitedMap,
+        place: Sequence[float],
+        directions: Floats,
+        sides: Floats,
+        lengths_m: Floats,
+    ) -> Floats:
+        """Count the new ground of candidate steps, see `kernels.rate`; the array is reused."""
+        _rate(
+            memory.grid,
+            memory.cells(place),
+            directions,
+            sides,
+            self._bodies,
+            self.inner,
+            lengths_m / memory.cell_m,
+            self.pitch,
+            self._stride,
+            self._rated,
+        )
+        return self._rated
+
+    def ahead(
+        self, memory: VisitedMap, place: list[float], target: list[float]
+    ) -> tuple[float, float]:
+        """Count the new samples in the strip towards a target; also the free way there, m."""
+        away = [t - p for t, p in zip(target, place, strict=True)]
+        far = max(math.hypot(*away), 1e-9)
+        direction = np.array([[*_three(away)]]) / far
+        _rate(
+            memory.grid,
+            memory.cells(place),
+            direction,
+            self.lanes(direction),
+            self._bodies,
+            self.inner,
+            np.array([self._strip]),
+            self.pitch,
+            self._stride,
+            self._one,
+        )
+        return float(self._one[0, 0]), float(self._one[0, 3]) * memory.cell_m
+
+
+def _rate_side_by_side(
+    grid: kernels.Grid,
+    place: Floats,
+    directions: Floats,
+    sides: Floats,
+    bodies: int,
+    inner: int,
+    lengths: Floats,
+    pitch: float,
+    stride: int,
+    rated: Floats,
+) -> None:
+    """Do what `kernels.rate` does, samples side by side: faster where it is not compiled."""
+    steps = (lengths / pitch).astype(int)
+    part = np.arange(int(steps.max(initial=0)) * stride)
+    s = part // stride * pitch + (part % stride + 1) * pitch / stride
+    centres = place + s[None, :, None] * directions[:, None, :]
+    cells = np.floor(centres[:, :, None, :] + sides[:, None, :, :]).astype(int)
+    inside: NDArray[np.bool_] = np.all((cells >= 0) & (cells < grid.shape), axis=3)
+    x, y, z = np.moveaxis(np.where(inside[..., None], cells, 0), 3, 0)
+    flags = np.where(inside, grid[x, y, z], 0)
+    body = flags[:, :, :bodies] & (kernels.WALL | kernels.TRODDEN)
+    stops = (body == kernels.WALL).any(axis=2) | (flags[:, :, 0] & kernels.BLOCKED != 0)
+    is_stopped: NDArray[np.bool_] = np.maximum.accumulate(stops, axis=1)
+    is_free = ~is_stopped & (part // stride < steps[:, None])
+    free = np.where(is_free, s, 0.0)
+    at = slice(stride - 1, None, stride)
+    known: NDArray[np.bool_] = np.asarray(flags[:, at] & kernels.KNOWN, dtype=np.bool_)
+    fresh = (~known[:, :, :inner]).sum(axis=2) * is_free[:, at]
+    rated[:, 0] = fresh.sum(axis=1)
+    rated[:, 1] = (fresh * known[:, :, inner:].any(axis=2)).sum(axis=1)
+    rated[:, 2] = np.where(fresh > 0, s[at], 0.0).max(axis=1, initial=0.0)
+    rated[:, 3] = free.max(axis=1, initial=0.0)
+
+
+_rate = kernels.rate if kernels.IS_COMPILED else _rate_side_by_side
+
+
+def _three(position: Sequence[float]) -> list[float]:
+    return [position[0], position[1], position[2] if len(position) > 2 else 0.0]
+
+
+def _stray(point: list[float], start: list[float], end: list[float]) -> float:
+    """Measure the distance of a point from a segment."""
+    along = sum((e - s) * (p - s) for p, s, e in zip(point, start, end, strict=True))
+    length2 = math.dist(start, end) ** 2
+    t = min(1.0, max(0.0, along / length2)) if length2 > 0.0 else 0.0
+    return math.dist(point, [s + t * (e - s) for s, e in zip(start, end, strict=True)])
+
+
+def make_planner(
+    params: PlannerParams,
+    *,
+    speed_m_s: float,
+    climb_m_s: float,
+    seeds: Sequence[Seed],
+    sysid: int = 0,
+) -> Planner | Explorer:
+    """Build the planner of one vehicle: with a memory for kind `explore`, else without.
+
+    `sysid` names the vehicle in the trails that it shares.
+    """
+    if params.kind != "explore":
+        return Planner(params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=seeds)
+    if len(seeds) != 1:
+        raise ValueError(f"an explorer plans for one vehicle, not {len(seeds)}")
+    return Explorer(params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seed=seeds[0], sysid=sysid)

@@ -1,0 +1,200 @@
+"""What a vehicle knows of the world: a map of visited cells and walls in its own frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_ctl.explore import kernels
+from swarm_ctl.explore.chance import Floats
+from swarm_ctl.explore.kernels import (
+    BLOCKED,
+    GIVEN_UP,
+    KNOWN,
+    NEAR_WALL,
+    TRODDEN,
+    VISITED,
+    WALL,
+    Grid,
+)
+
+MARGIN_CELLS = 32
+"""How far beyond what is needed the map grows, so that it seldom grows."""
+MOST_CELLS = 1 << 25
+"""A map larger than this is somebody's mistake; what lies outside is not remembered."""
+
+
+class VisitedMap:
+    """Cells of `cell_m`, squares in 2-D and cubes in 3-D, that only ever gain flags.
+
+    Every change is an OR, so that the same segments and walls give the same map in any order.
+    Positions are metres in the vehicle's own frame, sequences of `dimensions` numbers.
+    """
+
+    def __init__(
+        self, dimensions: int, cell_m: float, footprint_m: float, *, is_square: bool, dilation: int
+    ) -> None:
+        self.cell_m = cell_m
+        self.dimensions = dimensions
+        self._half = footprint_m / cell_m
+        self._is_square = is_square
+        self._dilation = dilation
+        deep = 1 if dimensions == 2 else MARGIN_CELLS
+        self.low = np.array([-MARGIN_CELLS, -MARGIN_CELLS, -deep // 2 if deep > 1 else 0])
+        """Index of the grid's low corner among all cells; cell 0 begins at the frame's origin."""
+        self.grid: Grid = np.zeros((2 * MARGIN_CELLS, 2 * MARGIN_CELLS, deep), dtype=np.uint8)
+
+    def cells(self, position_m: Sequence[float] | Floats) -> Floats:
+        """Give a position in cells from the grid's low corner, (3,)."""
+        low, cell_m = self.low, self.cell_m
+        z = position_m[2] / cell_m - low[2] if self.dimensions == 3 else 0.5
+        return np.array([position_m[0] / cell_m - low[0], position_m[1] / cell_m - low[1], z])
+
+    def metres(self, cells: Sequence[float] | Floats) -> list[float]:
+        """Turn a position in cells (3,) into metres (dimensions,)."""
+        return [
+            (float(cells[axis]) + float(self.low[axis])) * self.cell_m
+            for axis in range(self.dimensions)
+        ]
+
+    def flags(self, position_m: Sequence[float] | Floats) -> int:
+        """Read the flags of the cell at a position; 0 where nothing is known."""
+        return int(kernels.look(self.grid, *self.cells(position_m)))
+
+    def sweep(self, start_m: Sequence[float] | Floats, end_m: Sequence[float] | Floats) -> None:
+        """Mark what the footprint sweeps along a straight segment."""
+        start, end = self.cells(start_m), self.cells(end_m)
+        if self._reserve(start, end, self._half + 1.0):
+            start, end = self.cells(start_m), self.cells(end_m)
+        if kernels.IS_COMPILED:
+            kernels.paint(self.grid, start, end, self._half, self._is_square)
+        else:
+            _paint(self.grid, start, end, self._half, is_square=self._is_square)
+
+    def wall(self, point_m: Sequence[float] | Floats, axis: int = 0) -> bool:
+        """Mark a wall at a point; tell whether that was new.
+
+        In 3-D a wall is a patch of 3 x 3 cells across the `axis` (0 to 2) along which it was seen:
+        few beams would leave gaps in it otherwise.
+        """
+        place = self.cells(point_m)
+        if self._reserve(place, place, self._dilation + 2.0):
+            place = self.cells(point_m)
+        i, j, k = (math.floor(value) for value in place)
+        if not self._holds(i, j, k):
+            return False
+        is_new = not kernels.look(self.grid, i + 0.5, j + 0.5, k + 0.5) & WALL
+        reach = [0, 0, 0]
+        if self.dimensions == 3:
+            reach = [1, 1, 1]
+            reach[axis] = 0
+        self._box((i, j, k), reach, WALL)
+        self._box((i, j, k), [part + self._dilation for part in reach], NEAR_WALL)
+        return is_new
+
+    def give_up(self, position_m: Sequence[float] | Floats, radius_m: float) -> None:
+        """Write off the unknown cells around a position, in a box of half size `radius_m`."""
+        i, j, k = (math.floor(value) for value in self.cells(position_m))
+        reach = math.ceil(radius_m / self.cell_m)
+        self._box((i, j, k), [reach, reach, reach], GIVEN_UP)
+
+    def block(self, position_m: Sequence[float] | Floats) -> None:
+        """Keep ways out of the cell at a position."""
+        i, j, k = (math.floor(value) for value in self.cells(position_m))
+        self._box((i, j, k), [0, 0, 0], BLOCKED)
+
+    def _box(self, cell: tuple[int, int, int], reach: Sequence[int], flag: int) -> None:
+        if not self._holds(*cell):
+            return
+        part = tuple(
+            slice(max(0, index - far), index + far + 1)
+            for index, far in zip(cell, reach, strict=True)
+        )
+        if self.dimensions == 2:
+            part = (part[0], part[1], slice(0, 1))
+        self.grid[part] |= flag
+
+    def _holds(self, i: int, j: int, k: int) -> bool:
+        nx, ny, nz = self.grid.shape
+        return bool(0 <= i < nx and 0 <= j < ny and 0 <= k < nz)
+
+    def _reserve(self, start: Floats, end: Floats, around: float) -> bool:
+        """Grow until the grid holds a segment and what is `around` it; tell whether it grew."""
+        nx, ny, nz = self.grid.shape
+        (ax, ay, az), (bx, by, bz) = start.tolist(), end.tolist()
+        deep = self.dimensions == 3
+        if (
+            min(ax, bx) >= around
+            and min(ay, by) >= around
+            and max(ax, bx) < nx - around
+            and max(ay, by) < ny - around
+            and (not deep or (min(az, bz) >= around and max(az, bz) < nz - around))
+        ):
+            return False
+        lowest = np.floor(np.minimum(start, end) - around).astype(int)
+        highest = np.floor(np.maximum(start, end) + around).astype(int) + 1
+        before = np.where(lowest < 0, MARGIN_CELLS - lowest, 0)
+        size = np.array(self.grid.shape)
+        after = np.where(highest > size, highest - size + MARGIN_CELLS, 0)
+        if not deep:
+            before[2] = after[2] = 0
+        wanted = size + before + after
+        if not (before.any() or after.any()) or int(wanted.prod()) > MOST_CELLS:
+            return False
+        grid = np.zeros(wanted, dtype=np.uint8)
+        x, y, z = before
+        grid[x : x + nx, y : y + ny, z : z + nz] = self.grid
+        self.grid, self.low = grid, self.low - before
+        return True
+
+
+def _paint(grid: Grid, start: Floats, end: Floats, half: float, *, is_square: bool) -> None:
+    """Do what `kernels.paint` does, cells side by side: faster where loops are not compiled."""
+    deep = grid.shape[2] > 1
+    move = end - start
+    lowest = np.floor(np.minimum(start, end) - half).astype(int)
+    highest = np.floor(np.maximum(start, end) + half).astype(int) + 1
+    part = [
+        slice(max(0, low), max(0, min(size, high)))
+        for low, high, size in zip(lowest, highest, grid.shape, strict=True)
+    ]
+    if not deep:
+        part[2], move[2] = slice(0, 1), 0.0
+    axes = [
+        np.arange(cells.start, cells.stop) + 0.5 - a for cells, a in zip(part, start, strict=True)
+    ]
+    if not deep:
+        axes[2] = np.zeros(1)
+    wx, wy, wz = axes[0][:, None, None], axes[1][None, :, None], axes[2][None, None, :]
+    dx, dy, dz = move.tolist()
+    length2 = dx * dx + dy * dy + dz * dz
+    t = np.clip((wx * dx + wy * dy + wz * dz) / length2, 0.0, 1.0) if length2 > 0.0 else 0.0
+    ex, ey, ez = wx - t * dx, wy - t * dy, wz - t * dz
+    distance2 = ex * ex + ey * ey + ez * ez
+    reach = half + kernels.TOLERANCE
+    seen = _in_swept_square(wx, wy, dx, dy, reach) if is_square else distance2 <= reach * reach
+    trodden = distance2 <= 0.25
+    view = grid[part[0], part[1], part[2]]
+    view |= (seen | trodden).astype(np.uint8) * np.uint8(VISITED)
+    view |= trodden.astype(np.uint8) * np.uint8(TRODDEN)
+
+
+def _in_swept_square(
+    wx: Floats, wy: Floats, dx: float, dy: float, half: float
+) -> NDArray[np.bool_]:
+    low, high = np.zeros_like(wx + wy), np.ones_like(wx + wy)
+    inside = np.ones_like(low, dtype=np.bool_)
+    for w, d in ((wx, dx), (wy, dy)):
+        if d != 0.0:
+            t0, t1 = (w - half) / d, (w + half) / d
+            low, high = np.maximum(low, np.minimum(t0, t1)), np.minimum(high, np.maximum(t0, t1))
+        else:
+            inside &= np.abs(w) <= half
+    result: NDArray[np.bool_] = inside & (low <= high)
+    return result
+
+
+__all__ = ["BLOCKED", "GIVEN_UP", "KNOWN", "NEAR_WALL", "TRODDEN", "VISITED", "WALL", "VisitedMap"]

@@ -1,0 +1,179 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarm_ctl.explore import explorer, kernels, memory
+from swarm_ctl.explore.frontier import find_way
+from swarm_ctl.explore.memory import NEAR_WALL, TRODDEN, VISITED, WALL, VisitedMap
+
+PLACE = st.floats(-4.0, 4.0).map(lambda value: round(value, 3) + 0.0007)
+"""Off the lattice of cells, where rounding could go either way."""
+
+
+def flat_map(footprint_m: float = 0.3, *, is_square: bool = True) -> VisitedMap:
+    return VisitedMap(2, 0.2, footprint_m, is_square=is_square, dilation=1)
+
+
+def hall_map() -> VisitedMap:
+    return VisitedMap(3, 0.5, 1.0, is_square=False, dilation=1)
+
+
+def visited(world: VisitedMap) -> set[tuple[int, ...]]:
+    cells = np.argwhere(world.grid & VISITED != 0) + world.low
+    return {tuple(map(int, cell)) for cell in cells}
+
+
+@given(st.lists(PLACE, min_size=4, max_size=4), st.booleans())
+@settings(max_examples=12, deadline=None)
+def test_a_swept_footprint_is_every_cell_it_ever_covers(ends: list[float], square: bool) -> None:
+    world = flat_map(is_square=square)
+    start, end = np.array(ends[:2]), np.array(ends[2:])
+    world.sweep(start, end)
+    steps = 500
+    path = start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - start)
+    slack = math.dist(start, end) / steps
+    cells = np.array(list(itertools.product(range(-24, 25), repeat=2)))
+    away = np.abs(path[None] - (cells[:, None] + 0.5) * 0.2)
+    reach = (away.max(axis=2) if square else np.hypot(away[..., 0], away[..., 1])).min(axis=1)
+    expected = {(*cell, 0) for cell in cells[reach <= 0.3].tolist()}
+    doubtful = {(*cell, 0) for cell in cells[(reach > 0.3) & (reach <= 0.3 + slack)].tolist()}
+    assert expected <= visited(world)
+    assert visited(world) <= expected | doubtful
+
+
+@given(st.lists(PLACE, min_size=6, max_size=6), st.sampled_from([2, 3]), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_loops_and_arrays_paint_the_same(ends: list[float], d: int, square: bool) -> None:
+    world = hall_map() if d == 3 else flat_map(is_square=square)
+    world.sweep(ends[:d], ends[3 : 3 + d])
+    start, end = world.cells(ends[:d]), world.cells(ends[3 : 3 + d])
+    one, other = np.zeros_like(world.grid), np.zeros_like(world.grid)
+    half, is_square = (2.0, False) if d == 3 else (1.5, square)
+    kernels.paint(one, start, end, half, is_square)
+    memory._paint(other, start, end, half, is_square=is_square)
+    assert (one == other).all()
+    assert (one == world.grid).all()
+
+
+def test_the_map_grows_and_forgets_nothing() -> None:
+    world = flat_map()
+    world.sweep([0.0, 0.0], [3.0, 0.0])
+    before = visited(world)
+    world.sweep([-40.0, 25.0], [-40.0, 26.0])
+    assert before <= visited(world)
+    assert world.flags([-40.0, 25.5]) == VISITED | TRODDEN
+    assert world.flags([300.0, 0.0]) == 0
+
+
+def test_a_map_beyond_all_reason_is_not_drawn() -> None:
+    world = flat_map()
+    world.sweep([0.0, 0.0], [1e6, 1e6])
+    assert world.grid.size <= memory.MOST_CELLS
+
+
+def test_ground_that_was_walked_on_is_no_wall() -> None:
+    world = flat_map()
+    assert world.wall([1.0, 0.1])
+    assert not world.wall([1.0, 0.1])
+    world.sweep([0.1, 0.1], [2.1, 0.1])
+    assert world.flags([1.1, 0.1]) & (WALL | TRODDEN) == WALL | TRODDEN
+    assert world.flags([1.1, 0.3]) & NEAR_WALL
+    assert kernels.is_line_free(world.grid, world.cells([0.1, 0.1]), world.cells([2.1, 0.1]))
+
+
+def test_a_wall_in_three_dimensions_is_a_patch_across_its_beam() -> None:
+    world = hall_map()
+    world.wall([2.1, 0.1, 0.1], axis=0)
+    walls = np.argwhere(world.grid & WALL != 0)
+    assert len(walls) == 9
+    assert np.ptp(walls[:, 0]) == 0
+
+
+def room_with_a_door() -> VisitedMap:
+    """Two rooms 3 m deep; the wall between them, at x = 3, is open from y = 2 to 3."""
+    world = flat_map()
+    for y in np.arange(0.3, 3.0, 0.2):
+        world.sweep([0.3, y], [2.5, y])
+    for y in np.arange(-0.1, 3.2, 0.1):
+        if not 2.0 < y < 3.0:
+            world.wall([3.05, y])
+    for x in np.arange(-0.1, 3.2, 0.1):
+        world.wall([x, -0.1])
+        world.wall([x, 3.3])
+    for y in np.arange(-0.1, 3.4, 0.1):
+        world.wall([-0.1, y])
+    world.sweep([2.5, 2.5], [4.5, 2.5])
+    return world
+
+
+def test_a_way_leads_around_the_wall_and_through_the_door() -> None:
+    world = room_with_a_door()
+    way = find_way(world, [0.5, 0.5], [], 0.0)
+    assert way
+    assert way[-1][0] > 2.9
+    last = [0.5, 0.5]
+    for corner in way:
+        for t in np.linspace(0.0, 1.0, 20):
+            place = [a + t * (b - a) for a, b in zip(last, corner, strict=True)]
+            if 2.95 < place[0] < 3.15:
+                assert 2.1 < place[1] < 2.9
+        last = corner
+
+
+def test_a_frontier_near_somebody_elses_target_is_left_to_it() -> None:
+    world = flat_map()
+    world.sweep([0.0, 0.0], [6.0, 0.0])
+    alone = find_way(world, [3.0, 0.0], [], 0.0)[-1]
+    shared = find_way(world, [3.0, 0.0], [[3.0, 0.0]], 2.0)[-1]
+    assert math.dist(alone, [3.0, 0.0]) < 1.0
+    assert math.dist(shared, [3.0, 0.0]) > 1.5
+    assert find_way(world, [3.0, 0.0], [[3.0, 0.0]], 50.0)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2]), st.sampled_from([2, 3]))
+@settings(max_examples=40, deadline=None)
+def test_loops_and_arrays_rate_the_same(seed: int, stride: int, d: int) -> None:
+    chance = np.random.default_rng(seed)
+    world = flat_map() if d == 2 else hall_map()
+    weights = [0.7, 0.2, 0.02, 0.04, 0.02, 0.02]
+    flags = chance.choice([0, 1, 2, 5, 7, 37], size=world.grid.shape, p=weights)
+    world.grid[:] = flags.astype(np.uint8)
+    directions = chance.normal(size=(16, 3))
+    directions[:, 2] *= d == 3
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    sides = chance.normal(size=(16, 5, 3)) * [1.0, 1.0, float(d == 3)]
+    lengths = chance.uniform(0.5, 60.0, 16)
+    one, other = np.zeros((16, 4)), np.zeros((16, 4))
+    place = world.cells(chance.uniform(-5.0, 5.0, 3))
+    question = (world.grid, place, directions, sides, 2, 3, lengths, 1.3, stride)
+    kernels.rate(*question, one)
+    explorer._rate_side_by_side(*question, other)
+    assert one.tolist() == other.tolist()
+
+
+def test_no_frontier_gives_no_way() -> None:
+    world = flat_map()
+    world.sweep([0.1, 0.1], [0.1, 0.1])
+    world.give_up([0.1, 0.1], 1.0)
+    assert find_way(world, [0.1, 0.1], [], 0.0) == []
+    assert find_way(world, [99.0, 0.1], [], 0.0) == []
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_a_candidate_counts_new_ground_up_to_the_wall(turn: int) -> None:
+    world = flat_map()
+    c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[turn]
+    world.sweep([0.1, 0.1], [0.1, 0.1])
+    world.wall([0.1 + 2.0 * c, 0.1 + 2.0 * s])
+    sides = np.array([[[0.0, 0.0, 0.0], [-s, c, 0.0], [s, -c, 0.0]]], dtype=float)
+    rated = np.zeros((1, 4))
+    unit = np.array([[c, s, 0.0]], dtype=float)
+    kernels.rate(
+        world.grid, world.cells([0.1, 0.1]), unit, sides, 3, 3, np.array([20.0]), 1.0, 1, rated
+    )
+    new, beside, last, free = rated[0]
+    assert (new, beside, last, free) == (24.0, 0.0, 9.0, 9.0)
