@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import deque
 
@@ -11,15 +10,11 @@ from swarm_ctl.model import Vec3
 CELL_M = 0.5
 APPROACH = 0.6
 """Speed per distance to the last place, 1/s: vehicles that follow late do not overshoot."""
-STEP_M = 0.75
-"""Two places this close have no wall between them: a vehicle keeps 0.45 m from either side."""
-FAR = Vec3(math.inf, math.inf, math.inf)
 Cell = tuple[int, int, int]
-_NEIGHBOURS = [beside for beside in itertools.product((-1, 0, 1), repeat=3) if any(beside)]
 
 
 class Trail:
-    """Cells visited, joined where the vehicle flew from one into the next, or could have."""
+    """Cells visited, joined where the vehicle flew from one into the next."""
 
     def __init__(self) -> None:
         self._places: dict[Cell, Vec3] = {}
@@ -34,10 +29,6 @@ class Trail:
         if cell not in self._places:
             self._places[cell] = position_ned_m
             self._joined[cell] = set()
-            for beside in _NEIGHBOURS:
-                near = (cell[0] + beside[0], cell[1] + beside[1], cell[2] + beside[2])
-                if math.dist(self._places.get(near, FAR), position_ned_m) <= STEP_M:
-                    self._join(cell, near)
         if self._here is not None:
             self._join(cell, self._here)
         self._here = cell

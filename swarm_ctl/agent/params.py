@@ -30,7 +30,7 @@ class FlightParams(BaseModel):
     """Fastest turn on the spot, in degrees per second."""
     return_home: bool = True
     """Fly back to the own start when the exploration ends; else land where it is."""
-    return_timeout_s: float = Field(default=180.0, ge=0.0, le=3600.0)
+    return_timeout_s: float = Field(default=240.0, ge=0.0, le=3600.0)
     """Longest flight home, in seconds, before it lands where the ground below is free."""
     start_spacing_s: float = Field(default=0.0, ge=0.0, le=60.0)
     """Delay between the take-offs of one vehicle and the next, in seconds; 0 = all at once."""

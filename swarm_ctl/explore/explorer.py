@@ -235,22 +235,37 @@ class Explorer:
             self.trails.append(WALL_X + axis, point)
 
     def _mark_stall(self, place: list[float]) -> None:
-        """Take what a vehicle cannot pass for a wall, unless it is a peer."""
-        for seen in self._peers.values():
-            if self._now - seen[0] < 1.0 and math.dist(seen[1:4], _three(place)) < 2.0:
-                return
+        """Take what a vehicle cannot pass for a wall, unless a peer is in its way."""
         size = math.hypot(*self._motion)
-        if size > 0.0:
-            unit = [part / size for part in self._motion[: self._d]]
-            cell_m, ahead_m = self.params.cell_m, self.params.clearance_m
-            self.memory.block([p + cell_m * u for p, u in zip(place, unit, strict=True)])
-            reach = (ahead_m + cell_m) / cell_m
-            if not kernels.wall_within(self.memory.grid, self.memory.cells(place), reach):
-                axis = max(range(self._d), key=lambda index: abs(unit[index]))
-                ahead_m += 0.5 * cell_m
-                self.memory.wall([p + ahead_m * u for p, u in zip(place, unit, strict=True)], axis)
+        if size <= 0.0:
+            return
+        unit = [part / size for part in self._motion]
+        if self._is_peer_ahead(place, unit):
+            return
+        cell_m, ahead_m = self.params.cell_m, self.params.clearance_m
+        self.memory.block([p + cell_m * u for p, u in zip(place, unit, strict=False)])
+        reach = (ahead_m + cell_m) / cell_m
+        # In 3-D the few beams leave gaps: there a stall is always worth a patch of wall.
+        is_seen = self._d == 2 and kernels.wall_within(
+            self.memory.grid, self.memory.cells(place), reach
+        )
+        if not is_seen:
+            axis = max(range(self._d), key=lambda index: abs(unit[index]))
+            ahead_m += 0.5 * cell_m
+            self.memory.wall([p + ahead_m * u for p, u in zip(place, unit, strict=False)], axis)
         if self._goal is not None:
-            self.memory.give_up(self._goal, self.params.cell_m)
+            self.memory.give_up(self._goal, cell_m)
+
+    def _is_peer_ahead(self, place: list[float], unit: list[float]) -> bool:
+        """Tell whether a peer was within 2 m and 60 degrees of a direction in the last second."""
+        here = _three(place)
+        for seen in self._peers.values():
+            away = [there - own for there, own in zip(seen[1:4], here, strict=True)]
+            far = math.hypot(*away)
+            along = sum(part * u for part, u in zip(away, unit, strict=True))
+            if self._now - seen[0] < 1.0 and far < 2.0 and along > 0.5 * far:
+                return True
+        return False
 
     def _reflex(self, ranges_m: Floats) -> Floats:
         """Leave to Table I only what the memory cannot explain.

@@ -37,12 +37,6 @@ def test_two_lanes_on_either_side_of_a_wall_are_not_joined() -> None:
     assert max(place.x for place in way) == pytest.approx(8.0, abs=0.5)
 
 
-def test_lanes_beside_each_other_are_a_short_cut() -> None:
-    trail = Trail()
-    fly(trail, (0, 0), (8, 0), (8, 0.6), (0, 0.6))
-    assert max(place.x for place in trail.way_home()) < 1.5
-
-
 def test_a_vehicle_that_never_moved_is_home() -> None:
     trail = Trail()
     assert trail.way_home() == []
