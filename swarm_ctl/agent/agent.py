@@ -79,6 +79,7 @@ class Agent:
         self.commands = CommandQueue()
         self.trail = Trail()
         self.route: Route | None = None
+        self.route_until_s = 0.0
         self.victims: dict[int, Vec3] = {}
         self.explored_from_s: float | None = None
         self.explored_to_s: float | None = None
@@ -232,6 +233,15 @@ class Agent:
                 self.enter(Cause.OBSTACLE, "")
             case Phase.AVOIDING, False:
                 self.enter(Cause.CLEAR, "")
+
+    def way_home(self) -> list[Vec3]:
+        """Give places to fly by, the start last: over known ground, else over its own trail."""
+        flown = self.trail.way_home()
+        if self._sharing is None or not flown:
+            return flown
+        place, d = self.telemetry.position_ned_m, self.orders.planner.dimensions
+        known = self._sharing.explorer.way_to(place[:d], flown[-1][:d])
+        return [_vec3(corner, place.z) for corner in known] or flown
 
     # -- taking in -----------------------------------------------------------------------------
 

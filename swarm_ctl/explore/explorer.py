@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swarm_ctl.explore import kernels
 from swarm_ctl.explore.avoidance import Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
-from swarm_ctl.explore.frontier import find_way
+from swarm_ctl.explore.frontier import find_way, find_way_to
 from swarm_ctl.explore.levy import levy_length
 from swarm_ctl.explore.memory import VisitedMap
 from swarm_ctl.explore.planner import SLOW, Plan, Planner, PlannerParams
@@ -161,6 +161,10 @@ class Explorer:
                 before = [cm / 100.0 + s for cm, s in zip(last, shift, strict=True)]
             self.memory.sweep(before, point)
             last = point_cm
+
+    def way_to(self, position_m: Sequence[float], goal_m: Sequence[float]) -> list[list[float]]:
+        """Give the corners of the shortest way over ground that anybody it met has seen."""
+        return find_way_to(self.memory, position_m, goal_m)
 
     # -- the step ------------------------------------------------------------------------------
 

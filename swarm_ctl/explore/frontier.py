@@ -29,22 +29,49 @@ def find_way(
     The last corner lies among the unknown cells beyond the frontier. A frontier closer than
     `exclusion_m` to one of `taken_m` is left to others as long as there is another one.
     """
-    grid, place = memory.grid, memory.cells(position_m)
-    index = np.floor(place).astype(int)
-    if (index < 0).any() or (index >= grid.shape).any():
-        return []
-    padded = np.pad(grid, 1)
-    trodden = padded & TRODDEN != 0
-    free = trodden | ((padded & VISITED != 0) & (padded & (WALL | NEAR_WALL) == 0))
-    free &= padded & BLOCKED == 0
-    leaves = (padded & VISITED != 0) & (padded & (WALL | BLOCKED) == 0)
+    padded = np.pad(memory.grid, 1)
     frontier = _frontier(padded, memory.dimensions)
     taken = [memory.cells(point) + 1.0 for point in taken_m]
     if taken:
         near = _near(padded.shape, taken, exclusion_m / memory.cell_m, memory.dimensions)
         frontier[near] *= 2
+    corners = _corners(memory, position_m, padded, frontier)
+    if corners:
+        corners.append(_beyond(memory, corners[-1]))
+    return [memory.metres(corner) for corner in corners]
+
+
+def find_way_to(
+    memory: VisitedMap, position_m: Sequence[float], goal_m: Sequence[float]
+) -> list[list[float]]:
+    """Give the corners of the shortest way to a place; empty when none is known."""
+    padded = np.pad(memory.grid, 1)
+    goal = np.zeros(padded.shape, dtype=np.uint8)
+    index = np.floor(memory.cells(goal_m)).astype(int) + 1
+    if (index < 1).any() or (index >= np.array(padded.shape) - 1).any():
+        return []
+    goal[tuple(index)] = 1
+    corners = [memory.metres(corner) for corner in _corners(memory, position_m, padded, goal)]
+    return [*corners[:-1], [float(value) for value in goal_m]] if corners else []
+
+
+def _corners(
+    memory: VisitedMap,
+    position_m: Sequence[float],
+    padded: NDArray[np.uint8],
+    wanted: NDArray[np.uint8],
+) -> list[Floats]:
+    """Give the corners, in cells, of the shortest way to the nearest cell that is wanted."""
+    place = memory.cells(position_m)
+    index = np.floor(place).astype(int)
+    if (index < 0).any() or (index >= memory.grid.shape).any():
+        return []
+    trodden = padded & TRODDEN != 0
+    free = trodden | ((padded & VISITED != 0) & (padded & (WALL | NEAR_WALL) == 0))
+    free &= padded & BLOCKED == 0
+    leaves = (padded & VISITED != 0) & (padded & (WALL | BLOCKED) == 0)
     start = int(np.ravel_multi_index(tuple(index + 1), padded.shape))
-    came_from, goal = _flood(free, leaves, frontier, _offsets(padded.shape), start)
+    came_from, goal = _flood(free, leaves, wanted, _offsets(padded.shape), start)
     if goal < 0:
         return []
     cells = [goal]
@@ -52,9 +79,7 @@ def find_way(
         cells.append(before)
     places = np.unravel_index(np.array(cells[::-1]), padded.shape)
     points = np.stack(places, axis=1).astype(np.float64) - 0.5
-    corners = _pull_tight(memory, place, points)
-    corners.append(_beyond(memory, points[-1]))
-    return [memory.metres(corner) for corner in corners]
+    return _pull_tight(memory, place, points) or [points[-1]]
 
 
 def _flood(

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.explore import explorer, kernels, memory
-from swarm_ctl.explore.frontier import find_way
+from swarm_ctl.explore.frontier import find_way, find_way_to
 from swarm_ctl.explore.memory import NEAR_WALL, TRODDEN, VISITED, WALL, VisitedMap
 
 PLACE = st.floats(-4.0, 4.0).map(lambda value: round(value, 3) + 0.0007)
@@ -108,6 +108,15 @@ def room_with_a_door() -> VisitedMap:
         world.wall([-0.1, y])
     world.sweep([2.5, 2.5], [4.5, 2.5])
     return world
+
+
+def test_a_way_back_leads_over_known_ground_and_ends_where_it_should() -> None:
+    world = room_with_a_door()
+    world.sweep([1.0, 2.5], [5.0, 2.5])  # through the door and on
+    way = find_way_to(world, [5.0, 2.5], [0.5, 0.5])
+    assert way[-1] == [0.5, 0.5]
+    assert any(2.1 < corner[1] < 2.9 for corner in way[:-1])
+    assert find_way_to(world, [5.0, 2.5], [50.0, 50.0]) == []
 
 
 def test_a_way_leads_around_the_wall_and_through_the_door() -> None:
