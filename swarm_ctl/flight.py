@@ -12,6 +12,7 @@ from swarm_ctl.agent.agent import Agent, Orders
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.controller import Controller
 from swarm_ctl.errors import SwarmError
+from swarm_ctl.explore.explorer import warm_up
 from swarm_ctl.mission import Mission
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.plots import draw_pictures
@@ -64,6 +65,8 @@ def controllers_for(mission: Mission, folder: RunFolder) -> list[Controller]:
         limits=mission.limits,
         seed=mission.seed,
     )
+    if mission.planner.kind == "explore":
+        warm_up(mission.planner)
     spacing_s = mission.flight.start_spacing_s
     return [
         Controller(index, Agent(index + 1, orders, start_delay_s=index * spacing_s), folder)

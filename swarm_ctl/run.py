@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -61,6 +62,8 @@ class UdpRun:
             try:
                 with _links(await self._ready(mock)) as links:
                     self._is_ready = True
+                    gc.collect()
+                    gc.freeze()  # a collection of everything would hold up the setpoints
                     self.clock = Clock(self.clock.speed)
                     async with asyncio.TaskGroup() as aside:
                         tasks = [

@@ -286,6 +286,10 @@ class Explorer:
         masked[0, :4] = math.inf
         return masked
 
+    def decide(self) -> None:
+        """Choose a new local best now."""
+        self._decide(self._place)
+
     # -- deciding ------------------------------------------------------------------------------
 
     def _is_due(self, place: list[float]) -> bool:
@@ -417,6 +421,26 @@ class Explorer:
             self._motion[2] = float(down[0]) * climb_m
             if self._target is not None and (self._target[2] - self._place[2]) * down[0] < 0.0:
                 self._target[2] = self._place[2]
+
+
+def warm_up(params: PlannerParams) -> None:
+    """Run every compiled loop once: compiling in flight would stop the stream of setpoints.
+
+    Takes seconds when numba is installed and has nothing in its cache, else next to nothing.
+    """
+    d = params.dimensions
+    explorer = Explorer(params, speed_m_s=1.0, climb_m_s=1.0, seed=0)
+    wall = np.full((1, d), 0.6)
+    for step in range(4):
+        place = [0.3 * step] * d
+        explorer.step(
+            np.array([place]), np.zeros(1), np.full((1, 6), 0.6), np.full((1, 0, d), math.nan)
+        )
+        explorer.observe_hits(wall)
+        explorer.decide()
+    explorer.way_to([0.9] * d, [0.0] * d)
+    find_way(explorer.memory, [0.9] * d, [], 0.0)
+    kernels.unknown_within(explorer.memory.grid, 0, 0, 0, 1)
 
 
 class Swath:

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swarm_ctl.explore import kernels
 from swarm_ctl.explore.chance import Floats
-from swarm_ctl.explore.explorer import Explorer, make_planner
+from swarm_ctl.explore.explorer import Explorer, make_planner, warm_up
 from swarm_ctl.explore.planner import Plan, Planner, PlannerParams
 
 SIDE_M = 8.0
@@ -224,3 +225,19 @@ def test_a_contact_that_makes_no_sense_is_none(value: float) -> None:
     explorer.observe_hits(np.array([[value, 0.0]]))
     assert explorer.trails.length(2) == 0
     assert explorer.outbox(5) == []
+
+
+@pytest.mark.skipif(not kernels.IS_COMPILED, reason="numba is not installed")
+def test_after_warming_up_nothing_is_compiled_in_flight() -> None:
+    loops = {n: loop for n, loop in vars(kernels).items() if hasattr(loop, "signatures")}
+    params = PlannerParams(kind="explore", footprint_m=1.0, footprint_shape="disc")
+    warm_up(params)
+    before = {name: len(loop.signatures) for name, loop in loops.items()}
+    explorer = Explorer(params, speed_m_s=1.0, climb_m_s=1.0, seed=3)
+    place = np.zeros((1, 2))
+    for _ in range(200):
+        plan = explorer.step(place, np.zeros(1), np.full((1, 6), np.inf), np.empty((1, 0, 2)))
+        place = np.clip(place + 0.3 * plan.velocity_m_s, -4.0, 4.0)
+        explorer.observe_hits(np.array([[4.4, 0.0], [0.0, 4.4], [-4.4, 0.0], [0.0, -4.4]]))
+    explorer.way_to(place[0].tolist(), [0.0, 0.0])
+    assert {name: len(loop.signatures) for name, loop in loops.items()} == before
