@@ -148,11 +148,17 @@ class Referee:
             ],
         }
 
+    def _sight_radius_m(self) -> float | None:
+        """Half of the width that is seen of a floor; none where space is counted."""
+        coverage = self._world.spec.coverage
+        return None if coverage.footprint == "sphere" else coverage.radius_m
+
     def truth(self) -> dict[str, Any]:
         """Collect all scalars and short lists, in JSON values."""
         return {
             **self.snapshot(),
             "world": self._world.name,
+            "sight_radius_m": self._sight_radius_m(),
             "path_length_m": float(self.path_length_m.sum()),
             "path_lengths_m": self.path_length_m.tolist(),
             "energy_kwh": self.energy_kwh,

@@ -114,6 +114,6 @@ def finish(
         run_sha256=folder.hash.hexdigest(),
         notes=notes,
     )
-    summary["notes"] += draw_pictures(folder.path, summary)
+    summary["notes"] += draw_pictures(folder.path, summary, speed_m_s=mission.flight.speed_m_s)
     write_summary(folder.path, summary)
     return summary

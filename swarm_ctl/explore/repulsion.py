@@ -56,14 +56,12 @@ class Repulsion:
 
     def update(self, peers_m: Floats) -> None:
         """Take the peers (n, k, d) heard now; who hears nobody keeps the last vector, or none."""
-        if peers_m.shape[1]:
-            vector_m, heard = repulsion(peers_m, self._vertical, self._longest_m)
-            if self._kept:
-                self.vector_m[heard] = vector_m[heard]
-            else:
-                self.vector_m = vector_m
-        elif not self._kept:
+        if not self._kept:
             self.vector_m[:] = 0.0
+        rows = np.flatnonzero((~np.isnan(peers_m[:, :, 0])).any(axis=1))
+        if rows.size:
+            heard_m, _ = repulsion(peers_m[rows], self._vertical, self._longest_m)
+            self.vector_m[rows] = heard_m
 
     def release(self, rows: NDArray[np.intp], blocked: Floats) -> None:
         """Forget the vectors of `rows` that point along the directions `blocked` (m, d)."""

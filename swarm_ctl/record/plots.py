@@ -32,12 +32,11 @@ def draw_pictures(
     run: Path,
     summary: Mapping[str, Any],
     *,
-    sight_radius_m: float | None = None,
     speed_m_s: float | None = None,
 ) -> list[str]:
     """Draw `paths.png`, `coverage.png` and `coverage_map.png`; give a note per picture left out.
 
-    With the radius a vehicle sees and its speed, the coverage picture shows the swept-area bound.
+    With the speed of a vehicle the coverage picture shows the swept-area bound.
     """
     try:
         import matplotlib.figure  # noqa: F401, PLC0415 - an extra, and slow to import
@@ -49,7 +48,10 @@ def draw_pictures(
     pictures: dict[str, Callable[[], Figure]] = {
         "paths.png": lambda: paths_figure(truth, summary),
         "coverage.png": lambda: coverage_figure(
-            truth, summary, sight_radius_m=sight_radius_m, speed_m_s=speed_m_s
+            truth,
+            summary,
+            sight_radius_m=truth.numbers.get("sight_radius_m"),
+            speed_m_s=speed_m_s,
         ),
         "coverage_map.png": lambda: map_figure(truth, summary),
     }

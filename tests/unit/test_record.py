@@ -336,6 +336,7 @@ def office_truth(run: Path, *, seed: int = 1, vehicles: int = 10, is_volume: boo
         "min_separation_m": 0.94,
         "path_length_m": 820.5,
         "energy_kwh": 0.0412,
+        "sight_radius_m": 0.9,
         "setpoint_jitter_p99_ms": 1.7,
     }
     (folder / "truth.json").write_text(json.dumps(numbers))
@@ -489,7 +490,7 @@ PICTURES = ("paths.png", "coverage.png", "coverage_map.png")
 def test_a_run_is_drawn(tmp_path: Path, vehicles: int, is_volume: bool) -> None:
     office_truth(tmp_path, vehicles=vehicles, is_volume=is_volume)
     summary = {**summed(tmp_path), "vehicles": vehicles}
-    assert draw_pictures(tmp_path, summary, sight_radius_m=0.9, speed_m_s=0.8) == []
+    assert draw_pictures(tmp_path, summary, speed_m_s=0.8) == []
     for name in PICTURES:
         picture = (tmp_path / name).read_bytes()
         assert picture.startswith(b"\x89PNG")
