@@ -1,30 +1,20 @@
 """Mission files: the only reader of the YAML that says what a swarm does."""
 
 import difflib
-import re
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.errors import MissionError
 from swarm_ctl.explore.planner import PlannerParams
+from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml
 
 
-class Mission(BaseModel):
+class Mission(Section):
     """What a swarm does: where, how many, for how long, and by which rules."""
-
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        strict=True,
-        allow_inf_nan=False,
-        use_attribute_docstrings=True,
-    )
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)
     """Short name, also of the run folder; the file's own name if left out."""
@@ -47,8 +37,8 @@ class Mission(BaseModel):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        for key, reason in _cross_checks(self):
-            raise PydanticCustomError("cross_check", "{reason}", {"key": key, "reason": reason})
+        for key, sentence in _cross_checks(self):
+            raise cross_check(key, sentence)
         return self
 
     def dump(self) -> dict[str, Any]:
@@ -114,11 +104,11 @@ def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
     )
     if planner.avoid_distance_m < limits.wall_m + 0.1 - 1e-9:
         # the deadlock of the study: the safety filter stops a vehicle before Table I fires
-        reason = (
+        sentence = (
             f"must be at least {limits.wall_m + 0.1:g}, which is limits.wall_m and 0.1 m, not "
             f"{planner.avoid_distance_m:g}: a vehicle would stop before it turns away"
         )
-        yield "planner.avoid_distance_m", reason
+        yield "planner.avoid_distance_m", sentence
     if limits.floor_m >= limits.ceiling_m:
         yield "limits.floor_m", f"must be below {ceiling}, not {limits.floor_m:g}"
     if not limits.floor_m <= flight.height_m <= limits.ceiling_m:
@@ -132,23 +122,23 @@ def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
             f"3 needs at least 1 m between {floor} and {ceiling}; raise the ceiling or fly in 2",
         )
     if limits.battery_critical >= limits.battery_reserve > 0.0:
-        reason = (
+        sentence = (
             f"must be below limits.battery_reserve ({limits.battery_reserve:g}), "
             f"not {limits.battery_critical:g}"
         )
-        yield "limits.battery_critical", reason
+        yield "limits.battery_critical", sentence
     if limits.link_hold_s > limits.link_lost_s:
-        reason = (
+        sentence = (
             f"must be at most limits.link_lost_s ({limits.link_lost_s:g}), "
             f"not {limits.link_hold_s:g}"
         )
-        yield "limits.link_hold_s", reason
+        yield "limits.link_hold_s", sentence
     if limits.planner_stall_s < planner.period_s + 0.2 - 1e-9:
-        reason = (
+        sentence = (
             f"must be at least {planner.period_s + 0.2:g}, which is planner.period_s and 0.2 s, "
             f"not {limits.planner_stall_s:g}: every plan would count as stalled"
         )
-        yield "limits.planner_stall_s", reason
+        yield "limits.planner_stall_s", sentence
     if mission.duration_s >= limits.max_time_s:
         yield (
             "duration_s",
@@ -156,43 +146,8 @@ def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
         )
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML that refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
-        for key_node, _ in node.value:
-            name = str(key_node.value)
-            if name in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"{name} is given twice", problem_mark=key_node.start_mark
-                )
-            seen.add(name)
-        return super().construct_mapping(node, deep)
-
-
-_Loader.add_implicit_resolver(  # YAML 1.1 takes 1e-3 for text
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789")
-)
-
-
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        raw = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # noqa: S506 - a SafeLoader
-    except FileNotFoundError:
-        raise MissionError(path, "", "there is no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise MissionError(path, "", f"cannot be read: {reason}") from None
-    except yaml.MarkedYAMLError as error:
-        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        problem = error.problem or "this is not YAML"
-        raise MissionError(path, "", f"{line}{problem}") from None
-    except yaml.YAMLError as error:
-        first = str(error).splitlines()[0]
-        raise MissionError(path, "", f"this is not YAML: {first}") from None
-    if not isinstance(raw, dict):
-        raise MissionError(path, "", "a mission is a block of lines like `vehicles: 10`")
+    raw = read_yaml(path, "a mission is a block of lines like `vehicles: 10`")
     for block in ("planner", "flight", "limits"):
         if raw.get(block, ...) is None:
             del raw[block]  # a heading with nothing beneath means the defaults
@@ -200,48 +155,9 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _as_mission_error(path: Path, error: ValidationError) -> MissionError:
-    """Pick the first mistake, an unknown key before its consequences, and say it plainly."""
-    details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
-    detail = details[0]
-    context = detail.get("ctx", {})
-    key = str(context.get("key") or ".".join(str(part) for part in detail["loc"]))
-    return MissionError(path, key, _reason(detail))
-
-
-def _reason(detail: ErrorDetails) -> str:
-    """Say in plain words what pydantic found."""
-    kind, given, context = detail["type"], _shown(detail["input"]), detail.get("ctx", {})
-    if kind in _SENTENCES:
-        return _SENTENCES[kind].format(given=given, **context)
-    if kind == "extra_forbidden":
-        return _unknown_key(detail["loc"])
-    words = next((words for name, words in _TYPES.items() if kind.startswith(name)), None)
-    return f"must be {words}, not {given}" if words else f"{detail['msg']}, not {given}"
-
-
-_SENTENCES = {
-    "missing": "is missing",
-    "invalid_key": "unknown key; keys are words",
-    "cross_check": "{reason}",
-    "value_error": "{error}",
-    "literal_error": "must be {expected}, not {given}",
-    "greater_than_equal": "must be at least {ge:g}, not {given}",
-    "greater_than": "must be more than {gt:g}, not {given}",
-    "less_than_equal": "must be at most {le:g}, not {given}",
-    "less_than": "must be less than {lt:g}, not {given}",
-    "string_pattern_mismatch": "may hold only letters, digits, - and _, not {given}",
-    "string_too_long": "may have {max_length} characters at most",
-}
-_TYPES = {
-    "int": "a whole number",
-    "float": "a number",
-    "finite_number": "a finite number",
-    "bool": "true or false",
-    "string": "text",
-    "model": "a block of keys",
-    "is_instance_of": "the path of a file",
-    "path": "the path of a file",
-}
+    detail = first_mistake(error)
+    key = str(detail.get("ctx", {}).get("key") or ".".join(str(part) for part in detail["loc"]))
+    return MissionError(path, key, in_words(detail, _unknown_key))
 
 
 def _unknown_key(loc: Sequence[int | str]) -> str:
@@ -273,15 +189,3 @@ def _all_keys() -> list[str]:
         for block in ([], ["planner"], ["flight"], ["limits"])
         for name in _fields(block)
     ]
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        return "a block of keys"
-    if isinstance(value, list | tuple):
-        return "a list"
-    if value is None:
-        return "nothing"
-    return repr(value) if isinstance(value, str) else str(value)

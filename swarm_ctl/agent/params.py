@@ -1,18 +1,12 @@
 """What a mission may set about flying and about the limits no setpoint leaves."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from swarm_ctl.sections import Section
 
 
-class FlightParams(BaseModel):
+class FlightParams(Section):
     """How a vehicle takes off, moves and comes home."""
-
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        strict=True,
-        allow_inf_nan=False,
-        use_attribute_docstrings=True,
-    )
 
     height_m: float = Field(default=1.5, gt=0.0, le=120.0)
     """Height above its own start to take off to, and to fly at in two dimensions, in metres."""
@@ -36,16 +30,8 @@ class FlightParams(BaseModel):
     """Delay between the take-offs of one vehicle and the next, in seconds; 0 = all at once."""
 
 
-class Limits(BaseModel):
+class Limits(Section):
     """What geofence and failsafe hold against every planner; lengths from the vehicle's centre."""
-
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        strict=True,
-        allow_inf_nan=False,
-        use_attribute_docstrings=True,
-    )
 
     radius_m: float = Field(default=200.0, ge=1.0, le=10_000.0)
     """Farthest from its own start, level, in metres; larger lets it roam farther."""

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.world import World, load_world
 from swarm_ctl.errors import MissionError
 from swarm_ctl.experiment import batch
 from swarm_ctl.explore.planner import PlannerParams
+from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, shown
 
 METRICS = ("coverage_percent", "time_s", "victims_found", "collisions", "energy_kwh")
 """What the paper's Tables II and III list."""
@@ -24,13 +23,7 @@ KNEE_M = 0.3
 """A solid whose lower face is higher than this is over a ground robot's head."""
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
-
-
-class Paper(_Section):
+class Paper(Section):
     """The paper's figures for one cell; none where it gives none."""
 
     coverage_percent: float | None = None
@@ -45,7 +38,7 @@ class Paper(_Section):
     """Energy of all robots, kWh."""
 
 
-class Energy(_Section):
+class Energy(Section):
     """A ground robot of about 20 kg; our assumption, the paper gives no model."""
 
     base_w: float = Field(default=20.0, ge=0.0)
@@ -59,7 +52,7 @@ class Energy(_Section):
         return (robots * time_s * self.base_w + path_m * self.drive_j_m) / 3.6e6
 
 
-class Cell(_Section):
+class Cell(Section):
     """One configuration whose trials are averaged."""
 
     name: str = Field(min_length=1, max_length=60)
@@ -97,15 +90,17 @@ class Cell(_Section):
     def _is_flat(self) -> Self:
         if self.planner.kind not in batch.KINDS:
             reason = f"the batch engine drives {', '.join(batch.KINDS)}, not {self.planner.kind}"
-            raise _cross("planner.kind", reason)
+            raise cross_check("planner.kind", reason)
         if self.planner.dimensions != 2:
-            raise _cross("planner.dimensions", "must be 2: the batch engine drives on the ground")
+            raise cross_check(
+                "planner.dimensions", "must be 2: the batch engine drives on the ground"
+            )
         if self.planner.period_s > self.duration_s:
-            raise _cross("duration_s", "must be at least planner.period_s")
+            raise cross_check("duration_s", "must be at least planner.period_s")
         return self
 
 
-class Experiment(_Section):
+class Experiment(Section):
     """Cells, and how often each is tried."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)
@@ -128,7 +123,7 @@ class Experiment(_Section):
         names = [cell.name for cell in self.cells]
         for index, name in enumerate(names):
             if name in names[:index]:
-                raise _cross(f"cells.{index}.name", f"{name!r} is the name of an earlier cell")
+                raise cross_check(f"cells.{index}.name", f"{name!r} is the name of an earlier cell")
         return self
 
 
@@ -140,12 +135,12 @@ def load_experiment(
     Keys under `defaults` hold for every cell that does not set them, also key by key within
     `planner` and the other blocks. MissionError names file, key and reason in one sentence.
     """
-    raw = _read(path)
+    raw = read_yaml(path, "an experiment is a block of lines like `trials: 20`")
     raw.setdefault("name", path.stem)
     raw.update({k: v for k, v in {"trials": trials, "seed": seed}.items() if v is not None})
     defaults = raw.pop("defaults", None) or {}
     if not isinstance(defaults, Mapping):
-        raise MissionError(path, "defaults", f"must be a block of keys, not {_shown(defaults)}")
+        raise MissionError(path, "defaults", f"must be a block of keys, not {shown(defaults)}")
     own = raw.get("cells")
     if isinstance(own, list):
         raw["cells"] = [_placed(_merged(defaults, cell), path) for cell in own]
@@ -210,40 +205,6 @@ def _field(world: World, path: Path, key: str) -> batch.Field:
     )
 
 
-def _cross(key: str, reason: str) -> PydanticCustomError:
-    return PydanticCustomError("cross_check", "{reason}", {"key": key, "reason": reason})
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML that refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
-        for key_node, _ in node.value:
-            if (name := str(key_node.value)) in seen:
-                problem = f"{name} is given twice"
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key_node.start_mark)
-            seen.add(name)
-        return super().construct_mapping(node, deep)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        raw = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # noqa: S506 - a SafeLoader
-    except FileNotFoundError:
-        raise MissionError(path, "", "there is no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise MissionError(path, "", f"cannot be read: {reason}") from None
-    except yaml.YAMLError as error:
-        mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
-        line = f"line {mark.line + 1}: " if mark else ""
-        raise MissionError(path, "", f"{line}{problem or 'this is not YAML'}") from None
-    if not isinstance(raw, dict):
-        raise MissionError(path, "", "an experiment is a block of lines like `trials: 20`")
-    return raw
-
-
 def _merged(defaults: Mapping[str, Any], cell: Any) -> Any:
     """Lay a cell over the defaults, block by block."""
     if not isinstance(cell, Mapping):
@@ -268,15 +229,15 @@ def _mission_error(path: Path, error: ValidationError, own: Any) -> MissionError
 
     `own` are the cells before the defaults were laid under them.
     """
-    detail = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+    detail = first_mistake(error)
     loc = [str(part) for part in detail["loc"]]
     if (key := str(detail.get("ctx", {}).get("key", ""))).startswith("cells."):
-        return MissionError(path, key, _reason(detail))
+        return MissionError(path, key, in_words(detail, _unknown_key))
     loc += key.split(".") if key else []
     cell, inside = detail["loc"][1:2], loc[2:]
     if detail["type"] != "missing" and inside and not _holds(own[cell[0]], inside):
         loc = ["defaults", *inside]
-    return MissionError(path, ".".join(loc), _reason(detail))
+    return MissionError(path, ".".join(loc), in_words(detail, _unknown_key))
 
 
 def _holds(block: Any, keys: Sequence[str]) -> bool:
@@ -290,42 +251,6 @@ def _holds(block: Any, keys: Sequence[str]) -> bool:
     return True
 
 
-def _reason(detail: ErrorDetails) -> str:
-    kind, given, context = detail["type"], _shown(detail["input"]), detail.get("ctx", {})
-    if kind == "extra_forbidden":
-        return _unknown_key(detail["loc"])
-    if kind in _SENTENCES:
-        return _SENTENCES[kind].format(given=given, **context)
-    words = next((words for name, words in _TYPES.items() if kind.startswith(name)), None)
-    return f"must be {words}, not {given}" if words else f"{detail['msg']}, not {given}"
-
-
-_SENTENCES = {
-    "missing": "is missing",
-    "cross_check": "{reason}",
-    "value_error": "{error}",
-    "literal_error": "must be {expected}, not {given}",
-    "greater_than_equal": "must be at least {ge:g}, not {given}",
-    "greater_than": "must be more than {gt:g}, not {given}",
-    "less_than_equal": "must be at most {le:g}, not {given}",
-    "less_than": "must be less than {lt:g}, not {given}",
-    "string_pattern_mismatch": "may hold only letters, digits, - and _, not {given}",
-    "string_too_short": "may not be empty",
-    "string_too_long": "may have {max_length} characters at most",
-    "too_short": "must hold at least one",
-    "invalid_key": "unknown key; keys are words",
-}
-_TYPES = {
-    "int": "a whole number",
-    "float": "a number",
-    "finite_number": "a finite number",
-    "bool": "true or false",
-    "string": "text",
-    "model": "a block of keys",
-    "tuple": "a list",
-    "is_instance_of": "the path of a file",
-    "path": "the path of a file",
-}
 _BLOCKS: dict[str, type[BaseModel]] = {"planner": PlannerParams, "energy": Energy, "paper": Paper}
 
 
@@ -346,13 +271,3 @@ def _places() -> Iterator[tuple[str | None, type[BaseModel]]]:
     for name, model in _BLOCKS.items():
         yield f"defaults.{name}.", model
     yield "", Experiment
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        return "a block of keys"
-    if isinstance(value, list | tuple):
-        return "a list"
-    return "nothing" if value is None else repr(value) if isinstance(value, str) else str(value)
