@@ -19,15 +19,6 @@ class MissionError(SwarmError):
         super().__init__(f"{path}: {key}: {reason}" if key else f"{path}: {reason}")
 
 
-class LinkLostError(SwarmError):
-    """An autopilot that fell silent."""
-
-    def __init__(self, sysid: int, silent_s: float) -> None:
-        self.sysid = sysid
-        self.silent_s = silent_s
-        super().__init__(f"vehicle {sysid}: nothing heard from its autopilot for {silent_s:.1f} s")
-
-
 class MockError(SwarmError):
     """A mock fleet that did not start or died."""
 

@@ -15,16 +15,22 @@ from swarm_ctl.agent.duties import DUTIES, HAS_LANDED, IS_HOME
 from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.homing import Route, Trail
 from swarm_ctl.agent.params import FlightParams, Limits
-from swarm_ctl.agent.peers import PeerTable
+from swarm_ctl.agent.peers import Neighbour, PeerTable
 from swarm_ctl.agent.phases import ENDED, STEERING, Cause, Phase, advance
 from swarm_ctl.agent.sender import Sender
 from swarm_ctl.agent.sharing import Sharing
 from swarm_ctl.agent.watch import TIME_OVER, watch
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.command import Answer, Command, CommandQueue
-from swarm_ctl.autopilot.telemetry import COMPANION_COMPONENT, SUBSCRIBED, Telemetry
-from swarm_ctl.explore.explorer import Explorer
-from swarm_ctl.explore.planner import Planner, PlannerParams
+from swarm_ctl.autopilot.telemetry import (
+    COMPANION_COMPONENT,
+    SCAN_HZ,
+    STREAMS_HZ,
+    SUBSCRIBED,
+    Telemetry,
+)
+from swarm_ctl.explore.explorer import Explorer, make_planner
+from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
 
 HEARTBEAT_S = 1.0
@@ -75,6 +81,8 @@ class Agent:
         self.parser = wire.Parser(SUBSCRIBED)
         self.telemetry = Telemetry(sysid)
         self.peers = PeerTable()
+        self.neighbours: list[Neighbour] = []
+        """The fresh peers of this tick."""
         self.sender = Sender(sysid)
         self.commands = CommandQueue()
         self.trail = Trail()
@@ -95,7 +103,18 @@ class Agent:
         self.yaw_rad = 0.0
         is_level = orders.planner.dimensions == 2
         self._guard = Guard(orders.limits, orders.flight, is_level=is_level)
-        self._planner, self._sharing = _planner(sysid, orders)
+        self._planner = make_planner(
+            orders.planner,
+            speed_m_s=orders.flight.speed_m_s,
+            climb_m_s=orders.flight.climb_m_s,
+            seeds=[(orders.seed, sysid)],
+            sysid=sysid,
+        )
+        self._sharing = None
+        self.streams_hz = STREAMS_HZ
+        if isinstance(self._planner, Explorer):
+            self._sharing = Sharing(self._planner, orders.planner.dimensions)
+            self.streams_hz = STREAMS_HZ | SCAN_HZ
         self._scanned_s = -math.inf
         self._tag = beacons.mission_tag(orders.mission)
         self._events: list[Event] = []
@@ -208,7 +227,7 @@ class Agent:
     def plan(self) -> None:
         """Ask the planner; a plan that fails leaves the old one to go stale, which holds."""
         place, dimensions = self.telemetry.position_ned_m, self.orders.planner.dimensions
-        offsets = [peer.offset_ned_m for peer in self.peers.near(place, self.now)]
+        offsets = [peer.offset_ned_m for peer in self.neighbours]
         if self._sharing is not None:
             self._look_around(self._sharing, offsets)
         try:
@@ -272,6 +291,7 @@ class Agent:
         for command_id, result in telemetry.acks:
             self._answered(self.commands.acknowledge(command_id, result, self.now))
         telemetry.acks.clear()
+        self.neighbours = self.peers.near(telemetry.position_ned_m, self.now)
         gained, lost = self.peers.contacts(self.now)
         if gained or lost:
             self.note("ContactsChanged", gained=gained, lost=lost)
@@ -339,7 +359,7 @@ class Agent:
             payload = beacons.encode(self._beacon())
             frames.append(sender.broadcast(beacons.BEACON_TYPE, payload))
         if self._sharing is not None and self.phase in STEERING:
-            told = self._sharing.outgoing(bool(self.peers.heard(now)), now)
+            told = self._sharing.outgoing(bool(self.neighbours), now)
             frames += [sender.broadcast(kind, payload) for kind, payload in told]
         return frames
 
@@ -353,8 +373,7 @@ class Agent:
             value if heard_s >= fresh_s else math.inf
             for value, heard_s in zip(telemetry.ranges_m, telemetry.ranges_s, strict=True)
         ]
-        peers = self.peers.near(place, self.now)
-        safe = self._guard.confine(velocity, motion, ranges, peers)
+        safe = self._guard.confine(velocity, motion, ranges, self.neighbours)
         return Setpoint(safe, self.yaw_rad)
 
     def _beacon(self) -> beacons.Beacon:
@@ -366,19 +385,6 @@ class Agent:
             target_ned_m=self.target_ned_m if self.phase in STEERING else None,
             heard=self.peers.heard(self.now),
         )
-
-
-def _planner(sysid: int, orders: Orders) -> tuple[Planner | Explorer, Sharing | None]:
-    """Build the planner a mission names, and for one with a memory what shares it."""
-    speed_m_s, climb_m_s = orders.flight.speed_m_s, orders.flight.climb_m_s
-    seed = (orders.seed, sysid)
-    if orders.planner.kind != "explore":
-        memoryless = Planner(orders.planner, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=[seed])
-        return memoryless, None
-    explorer = Explorer(
-        orders.planner, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seed=seed, sysid=sysid
-    )
-    return explorer, Sharing(explorer, orders.planner.dimensions)
 
 
 def _vec3(values: list[float], z: float) -> Vec3:

@@ -13,7 +13,7 @@ from swarm_ctl.agent.watch import MODE_LAG_S, missing
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.base import CUSTOM_MODE_FLAG
 from swarm_ctl.autopilot.command import command
-from swarm_ctl.autopilot.telemetry import STREAMS_HZ
+from swarm_ctl.explore.planner import RANGE_ORDER
 from swarm_ctl.model import ZERO, Vec3
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ SETTLED_M_S = 0.2
 """A landing begun any faster ends beside the place it was meant for."""
 CLIMBED_FRACTION = 0.9
 ON_GROUND_M = 0.3
-DOWN = 5
-"""The rangefinder that looks down."""
+DOWN = RANGE_ORDER.index("down")
 HOLD_GAIN, HOLD_M_S = 0.8, 0.3
 IS_HOME, HAS_LANDED = "home", "landed"
 
@@ -45,7 +44,7 @@ def connect(agent: Agent) -> Vec3 | None:
     if agent.telemetry.autopilot is None:
         return None
     if agent.is_time_to_ask:
-        for name, rate_hz in STREAMS_HZ.items():
+        for name, rate_hz in agent.streams_hz.items():
             interval = (float(wire.message(name).id), 1e6 / rate_hz)
             agent.ask(command(commands.SET_MESSAGE_INTERVAL, *interval))
     if not missing(agent):
@@ -179,10 +178,9 @@ def _settle(agent: Agent, cause: Cause, reason: str) -> Vec3 | None:
 def _is_free_below(agent: Agent) -> bool:
     """Whether the vehicle is over the floor it started from, and no peer is near or below."""
     telemetry = agent.telemetry
-    peers = agent.peers.near(telemetry.position_ned_m, agent.now)
     return telemetry.ranges_m[DOWN] > telemetry.height_m - ON_GROUND_M and all(
         math.hypot(peer.offset_ned_m.x, peer.offset_ned_m.y) > agent.orders.limits.separation_m
-        for peer in peers
+        for peer in agent.neighbours
     )
 
 

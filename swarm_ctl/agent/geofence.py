@@ -15,8 +15,6 @@ BEAM_BEARINGS_RAD = (0.0, math.pi, -math.pi / 2.0, math.pi / 2.0)
 """Front, back, left and right rangefinder, clockwise from the vehicle's heading."""
 VERTICAL_BRAKING_M_S2 = 0.5
 """Half of what ArduPilot brakes with vertically (WPNAV_ACCEL_Z 1 m/s2)."""
-
-
 GIVE_WAY_M = 0.6
 """A peer this much beyond the separation, straight ahead, is passed on the right."""
 GIVE_WAY, IN_THE_WAY = 0.6, 0.7

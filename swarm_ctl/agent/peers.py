@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from swarm_ctl.agent.beacon import Beacon
-from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot.telemetry import PeerFix
 from swarm_ctl.model import ZERO, Vec3
 
@@ -20,15 +19,11 @@ FRESH_S = 1.0
 
 @dataclass(slots=True)
 class Peer:
-    """One peer in this vehicle's own local frame."""
+    """One peer in this vehicle's own local frame: its last fix and its last beacon, if any."""
 
-    position_ned_m: Vec3
-    fixed_s: float
-    velocity_ned_m_s: Vec3 = ZERO
-    phase: Phase | None = None
-    heard: tuple[int, ...] = ()
+    position_ned_m: Vec3 = ZERO
+    fixed_s: float = -math.inf
     beacon: Beacon | None = None
-    """The last one heard."""
     beacon_s: float = -math.inf
 
 
@@ -46,34 +41,24 @@ class PeerTable:
 
     def __init__(self) -> None:
         self._peers: dict[int, Peer] = {}
-        self._early: dict[int, tuple[Beacon, float]] = {}
         self._contacts: set[int] = set()
 
     def fix(self, fixes: Iterable[PeerFix], own_ned_m: Vec3, now: float) -> None:
         """Take what the radio measured just now."""
         for sysid, offset in fixes:
-            place = Vec3(own_ned_m.x + offset.x, own_ned_m.y + offset.y, own_ned_m.z + offset.z)
-            peer = self._peers.get(sysid)
-            if peer is None:
-                self._peers[sysid] = peer = Peer(place, now)
-                if sysid in self._early:
-                    self.beacon(sysid, *self._early.pop(sysid))
-            peer.position_ned_m, peer.fixed_s = place, now
+            peer = self._peers.setdefault(sysid, Peer())
+            peer.position_ned_m = Vec3(*(o + p for o, p in zip(own_ned_m, offset, strict=True)))
+            peer.fixed_s = now
 
     def beacon(self, sysid: int, beacon: Beacon, now: float) -> None:
-        """Take a beacon; one from a peer that was never measured waits for its first fix."""
-        peer = self._peers.get(sysid)
-        if peer is None:
-            self._early[sysid] = (beacon, now)
-            return
-        peer.velocity_ned_m_s, peer.phase = beacon.velocity_ned_m_s, beacon.phase
-        peer.heard, peer.beacon, peer.beacon_s = beacon.heard, beacon, now
+        """Take a beacon, also of a peer that was never measured."""
+        peer = self._peers.setdefault(sysid, Peer())
+        peer.beacon, peer.beacon_s = beacon, now
 
     def is_ours(self, sysid: int) -> bool:
         """Whether a peer's beacon of our mission has been heard."""
-        return sysid in self._early or (
-            sysid in self._peers and self._peers[sysid].beacon is not None
-        )
+        peer = self._peers.get(sysid)
+        return peer is not None and peer.beacon is not None
 
     def near(self, own_ned_m: Vec3, now: float) -> list[Neighbour]:
         """Give every fresh peer, dead-reckoned to now, ordered by sysid."""
@@ -101,7 +86,8 @@ class PeerTable:
 
 def _neighbour(peer: Peer, own: Vec3, now: float) -> Neighbour:
     """Move a peer on from its last fix, at the velocity it told if that is fresh."""
-    velocity = peer.velocity_ned_m_s if now - peer.beacon_s <= FRESH_S else ZERO
+    has_told = peer.beacon is not None and now - peer.beacon_s <= FRESH_S
+    velocity = peer.beacon.velocity_ned_m_s if peer.beacon and has_told else ZERO
     age, place = now - peer.fixed_s, peer.position_ned_m
     offset = Vec3(
         place.x + velocity.x * age - own.x,

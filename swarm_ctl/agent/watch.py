@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from swarm_ctl.agent.failsafe import Health, verdict
+from swarm_ctl.agent.failsafe import Health, Verdict, verdict
 from swarm_ctl.agent.phases import STEERING, Cause, Phase
 
 if TYPE_CHECKING:
@@ -31,15 +31,16 @@ def watch(agent: Agent) -> None:
         agent.mode_lost_s = None
     elif agent.mode_lost_s is None:
         agent.mode_lost_s = agent.telemetry.heartbeat_s
-    silent_s = agent.now - agent.telemetry.heard_s
-    if silent_s > agent.orders.limits.link_lost_s:
-        agent.note("LinkLost", silent_s=round(silent_s, 2))
-        agent.enter(Cause.FAULT, f"nothing heard from its autopilot for {silent_s:.1f} s")
+    health = _health(agent)
+    judged = verdict(health, agent.orders.limits)
+    if judged is not None and judged.cause is Cause.FAULT:
+        agent.note("LinkLost", silent_s=round(health.silent_s, 2))
+        agent.enter(*judged)
     elif _pilot_took_over(agent):
         agent.commands.clear()
         agent.enter(Cause.PILOT, f"the pilot chose {agent.telemetry.mode_name}")
     elif agent.phase in STEERING:
-        _watch_flight(agent)
+        _watch_flight(agent, judged)
 
 
 def missing(agent: Agent) -> str:
@@ -56,11 +57,10 @@ def missing(agent: Agent) -> str:
     return next((f"no {what}" for what, is_lacking in lacks.items() if is_lacking), "")
 
 
-def _watch_flight(agent: Agent) -> None:
+def _watch_flight(agent: Agent, judged: Verdict | None) -> None:
     if not agent.telemetry.armed:
         agent.enter(Cause.DISARMED, "the vehicle disarmed in flight")
         return
-    judged = verdict(_health(agent), agent.orders.limits)
     if judged is not None:
         already = (judged.cause, agent.phase) in {
             (Cause.HOLD, Phase.HOLDING),

@@ -21,7 +21,6 @@ SUBSCRIBED = (
     "SYS_STATUS",
     "ATTITUDE",
     "LOCAL_POSITION_NED",
-    "EXTENDED_SYS_STATE",
     "DISTANCE_SENSOR",
     "LANDING_TARGET",
     "OBSTACLE_DISTANCE",
@@ -33,12 +32,11 @@ STREAMS_HZ = {
     "LOCAL_POSITION_NED": 10.0,
     "ATTITUDE": 10.0,
     "DISTANCE_SENSOR": 10.0,
-    "EXTENDED_SYS_STATE": 2.0,
     "SYS_STATUS": 1.0,
-    "OBSTACLE_DISTANCE": 5.0,
 }
-"""What the controller wants and how often; asked for by SET_MESSAGE_INTERVAL. A vehicle without
-OBSTACLE_DISTANCE flies all the same; it learns of walls only by touching their stand-off."""
+"""What every controller needs and how often; asked for by SET_MESSAGE_INTERVAL."""
+SCAN_HZ = {"OBSTACLE_DISTANCE": 5.0}
+"""What one with a memory wants, too; without it, it learns of walls only by being stopped."""
 
 RANGE_BY_ORIENTATION = {0: 0, 12: 1, 6: 2, 2: 3, 24: 4, 25: 5}
 """MAV_SENSOR_ORIENTATION of the front, back, left, right, up and down rangefinders."""
@@ -49,7 +47,6 @@ STEADY_RAD_S = 0.3
 PREARM_CHECK = 0x10000000
 """MAV_SYS_STATUS_PREARM_CHECK: healthy when the vehicle would arm."""
 STANDBY, ACTIVE, CRITICAL, TERMINATED = 3, 4, 5, 8
-ON_GROUND, IN_AIR = 1, 2
 
 AUTOPILOTS: dict[int, Autopilot] = {pilot.heartbeat_id: pilot for pilot in (PX4, ARDUPILOT)}
 _ID = {name: wire.message(name).id for name in SUBSCRIBED}
@@ -85,7 +82,6 @@ class Telemetry:
         self.custom_mode = -1
         self.system_status = 0
         self.prearm_ok = False
-        self.landed_state = 0
         self.position_ned_m = ZERO
         self.velocity_ned_m_s = ZERO
         self.yaw_rate_rad_s = 0.0
@@ -106,7 +102,6 @@ class Telemetry:
             _ID["SYS_STATUS"]: self._sys_status,
             _ID["ATTITUDE"]: self._attitude,
             _ID["LOCAL_POSITION_NED"]: self._local_position,
-            _ID["EXTENDED_SYS_STATE"]: self._extended_state,
             _ID["DISTANCE_SENSOR"]: self._distance,
             _ID["LANDING_TARGET"]: self._landing_target,
             _ID["OBSTACLE_DISTANCE"]: self._scan,
@@ -182,9 +177,6 @@ class Telemetry:
         if all(map(math.isfinite, (*position, *velocity))):
             self.position_ned_m, self.velocity_ned_m_s = position, velocity
             self.position_s = now
-
-    def _extended_state(self, values: Any, _now: float) -> None:
-        self.landed_state = values.landed_state
 
     def _distance(self, values: Any, now: float) -> None:
         index = RANGE_BY_ORIENTATION.get(values.orientation)
