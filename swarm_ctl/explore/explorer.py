@@ -7,16 +7,16 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarm_ctl.explore import kernels
 from swarm_ctl.explore.avoidance import Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
 from swarm_ctl.explore.frontier import find_way, find_way_to
-from swarm_ctl.explore.levy import levy_length
-from swarm_ctl.explore.memory import VisitedMap
+from swarm_ctl.explore.memory import VisitedMap, three
 from swarm_ctl.explore.planner import SLOW, Plan, Planner, PlannerParams
+from swarm_ctl.explore.pso import limit_motion, next_motion
 from swarm_ctl.explore.repulsion import repulsion
+from swarm_ctl.explore.swath import Swath
 from swarm_ctl.explore.trails import LINE, START, WALL_X, News, Trails
 
 DEVIATION_M = 0.1
@@ -123,10 +123,10 @@ class Explorer:
         place = [float(p) + float(o) for p, o in zip(own, offset_m, strict=True)]
         shift = tuple(p - float(q) for p, q in zip(place, peer_position_m, strict=True))
         self.trails.meet(sysid, self._now, shift)
-        seen = [self._now, *_three(place), 0.0, 0.0, 0.0, 0.0]
+        seen = [self._now, *three(place), 0.0, 0.0, 0.0, 0.0]
         if target_m is not None:
             target = [float(t) + s for t, s in zip(target_m, shift, strict=True)]
-            seen[4:] = [*_three(target), 1.0]
+            seen[4:] = [*three(target), 1.0]
         self._peers[sysid] = seen
 
     def summary(self) -> bytes:
@@ -262,7 +262,7 @@ class Explorer:
 
     def _is_peer_ahead(self, place: list[float], unit: list[float]) -> bool:
         """Tell whether a peer was within 2 m and 60 degrees of a direction in the last second."""
-        here = _three(place)
+        here = three(place)
         for seen in self._peers.values():
             away = [there - own for there, own in zip(seen[1:4], here, strict=True)]
             far = math.hypot(*away)
@@ -328,7 +328,7 @@ class Explorer:
         self._corners.clear()
         self._goal = None
         self._travelled_m, self._steps, self._is_new = 0.0, 0, True
-        if new < 3.0 * params.frontier_below * full / 3.0 or new < 6.0:
+        if new < params.frontier_below * full or new < 6.0:
             if self._pull(place):
                 return
             if new == 0.0:
@@ -343,12 +343,12 @@ class Explorer:
             swath.inner * (np.maximum(last, 1.0) + swath.overhead)
         )
         if self._peers:
-            ends = np.array(_three(place)) + directions * (rated[:, 2] * params.cell_m)[:, None]
+            ends = np.array(three(place)) + directions * (rated[:, 2] * params.cell_m)[:, None]
             seen = np.array(list(self._peers.values()))
             ages = self._now - seen[:, 0]
             weights = np.where(ages < 3.0 * params.memory_s, np.exp(-ages / params.memory_s), 0.0)
             far = np.sqrt(((ends[:, None, :] - seen[None, :, 1:4]) ** 2).sum(axis=2))
-            here = np.sqrt(((np.array(_three(place)) - seen[:, 1:4]) ** 2).sum(axis=1))
+            here = np.sqrt(((np.array(three(place)) - seen[:, 1:4]) ** 2).sum(axis=1))
             to_target = np.sqrt(((ends[:, None, :] - seen[None, :, 4:7]) ** 2).sum(axis=2))
             scale = swath.width_m / 0.6
             near = np.where(far < here[None, :], np.exp(-far / (3.0 * scale)), 0.0)
@@ -392,19 +392,19 @@ class Explorer:
     def _fly(self, place: list[float], peers_m: Floats) -> None:
         """Move by Eq. 6, one random number per term, and keep the speed limits."""
         params, target = self.params, self._target or place
-        r1, r2 = self._chance.uniform(_ROW, 2)[0].tolist()
-        pull, inertia = params.cognitive * r1, params.inertia
-        motion = [inertia * v for v in self._motion]
-        for axis in range(self._d):
-            motion[axis] += pull * (target[axis] - place[axis])
+        away_m, social = np.zeros((1, self._d)), 0.0
         if params.social and peers_m.shape[1]:
-            away, _ = repulsion(peers_m, params.repulsion_vertical, params.repulsion_max)
-            for axis, part in enumerate(away[0].tolist()):
-                motion[axis] += params.social * r2 * part
-        ground = math.hypot(motion[0], motion[1])
-        kappa = self._level_m / max(ground, self._level_m)
-        kappa = min(kappa, self._climb_m / max(abs(motion[2]), self._climb_m))
-        self._motion = [v * kappa for v in motion]
+            away_m, _ = repulsion(peers_m, params.repulsion_vertical, params.repulsion_max)
+            social = params.social
+        motion_m = next_motion(
+            np.array([self._motion[: self._d]]),
+            np.array([target]) - np.array([place]),
+            away_m,
+            self._chance.uniform(_ROW, 2),
+            (params.inertia, params.cognitive, social),
+        )
+        limited_m, _ = limit_motion(motion_m, self._level_m, self._climb_m)
+        self._motion = three(limited_m[0].tolist())
         self._commanded_m = math.hypot(*self._motion)
 
     def _avoid(self) -> None:
@@ -441,156 +441,6 @@ def warm_up(params: PlannerParams) -> None:
     explorer.way_to([0.9] * d, [0.0] * d)
     find_way(explorer.memory, [0.9] * d, [], 0.0)
     kernels.unknown_within(explorer.memory.grid, 0, 0, 0, 1)
-
-
-class Swath:
-    """The strip of ground that a step would sweep, as the kernels look at it."""
-
-    def __init__(self, params: PlannerParams) -> None:
-        self._params = params
-        half, cell = params.footprint_m, params.cell_m
-        self._d = params.dimensions
-        self.width_m = 2.0 * half
-        across = 3 if 2.0 * half / cell < 4.5 else 5
-        if self._d == 3:
-            across = 3
-        self.pitch = 2.0 * half / cell / across
-        """Distance between samples, cells."""
-        self._stride = max(1, round(self.pitch))
-        reach = range(-(across // 2), across // 2 + 1)
-        body = params.clearance_m / cell
-        if self._d == 2:
-            swath = [(lane * self.pitch, 0.0) for lane in reach]
-            edges = [(side * (half / cell + 0.5 * self.pitch), 0.0) for side in (-1.0, 1.0)]
-        else:
-            swath = [(lane * self.pitch, rise * self.pitch) for lane in reach for rise in reach]
-            rim = half / cell + 0.5 * self.pitch
-            edges = [(rim, 0.0), (-rim, 0.0), (0.0, rim), (0.0, -rim)]
-        swath.sort(key=lambda lane: math.hypot(*lane))
-        self._bodies = sum(math.hypot(*lane) <= body for lane in swath)
-        self.inner = len(swath)
-        self._lanes = np.array(swath + edges)
-        self.overhead = 1.0 if self._d == 2 else 2.0 / (self.pitch * cell)
-        """Samples added to every step's length: short steps cost a decision, too."""
-        self._strip = (2.0 * self.width_m if self._d == 2 else 3.0) / cell
-        self._rated = np.zeros((params.candidates, 4))
-        self._one = np.zeros((1, 4))
-        headings = np.arange(8) * (math.pi / 4.0)
-        self._eight = np.stack([np.cos(headings), np.sin(headings), np.zeros(8)], axis=1)
-
-    def candidates(self, chance: Chance) -> tuple[Floats, Floats, Floats]:
-        """Draw steps: unit directions (k, 3), their lanes (k, m, 3) and lengths in metres (k,)."""
-        params, count = self._params, self._params.candidates
-        lengths = levy_length(
-            chance.uniform(_ROW, count)[0], params.levy_min_m, params.levy_max_m, params.levy_beta
-        )
-        directions = self._eight[np.arange(count) % 8]
-        if self._d == 3:
-            numbers = chance.uniform(_ROW, 2 * count)[0]
-            steepest = math.sin(math.radians(params.climb_angle_deg))
-            sine = steepest * (2.0 * numbers[:count] - 1.0)
-            heading = 2.0 * math.pi * numbers[count:]
-            level = np.sqrt(1.0 - sine * sine)
-            directions = np.stack([level * np.cos(heading), level * np.sin(heading), sine], axis=1)
-        return directions, self.lanes(directions), lengths
-
-    def lanes(self, directions: Floats) -> Floats:
-        """Give the offsets (k, m, 3) of the lanes across unit directions (k, 3), in cells."""
-        x, y, z = directions.T
-        level = np.maximum(np.hypot(x, y), 1e-9)
-        side = np.stack([-y / level, x / level, np.zeros_like(x)], axis=1)
-        rise = np.stack([-z * x / level, -z * y / level, level], axis=1)
-        lanes: Floats = (
-            self._lanes[None, :, :1] * side[:, None, :]
-            + self._lanes[None, :, 1:] * rise[:, None, :]
-        )
-        return lanes
-
-    def rate(
-        self,
-        memory: VisitedMap,
-        place: Sequence[float],
-        directions: Floats,
-        sides: Floats,
-        lengths_m: Floats,
-    ) -> Floats:
-        """Count the new ground of candidate steps, see `kernels.rate`; the array is reused."""
-        _rate(
-            memory.grid,
-            memory.cells(place),
-            directions,
-            sides,
-            self._bodies,
-            self.inner,
-            lengths_m / memory.cell_m,
-            self.pitch,
-            self._stride,
-            self._rated,
-        )
-        return self._rated
-
-    def ahead(
-        self, memory: VisitedMap, place: list[float], target: list[float]
-    ) -> tuple[float, float]:
-        """Count the new samples in the strip towards a target; also the free way there, m."""
-        away = [t - p for t, p in zip(target, place, strict=True)]
-        far = max(math.hypot(*away), 1e-9)
-        direction = np.array([[*_three(away)]]) / far
-        _rate(
-            memory.grid,
-            memory.cells(place),
-            direction,
-            self.lanes(direction),
-            self._bodies,
-            self.inner,
-            np.array([self._strip]),
-            self.pitch,
-            self._stride,
-            self._one,
-        )
-        return float(self._one[0, 0]), float(self._one[0, 3]) * memory.cell_m
-
-
-def _rate_side_by_side(
-    grid: kernels.Grid,
-    place: Floats,
-    directions: Floats,
-    sides: Floats,
-    bodies: int,
-    inner: int,
-    lengths: Floats,
-    pitch: float,
-    stride: int,
-    rated: Floats,
-) -> None:
-    """Do what `kernels.rate` does, samples side by side: faster where it is not compiled."""
-    steps = (lengths / pitch).astype(int)
-    part = np.arange(int(steps.max(initial=0)) * stride)
-    s = part // stride * pitch + (part % stride + 1) * pitch / stride
-    centres = place + s[None, :, None] * directions[:, None, :]
-    cells = np.floor(centres[:, :, None, :] + sides[:, None, :, :]).astype(int)
-    inside: NDArray[np.bool_] = np.all((cells >= 0) & (cells < grid.shape), axis=3)
-    x, y, z = np.moveaxis(np.where(inside[..., None], cells, 0), 3, 0)
-    flags = np.where(inside, grid[x, y, z], 0)
-    body = flags[:, :, :bodies] & (kernels.WALL | kernels.TRODDEN)
-    stops = (body == kernels.WALL).any(axis=2) | (flags[:, :, 0] & kernels.BLOCKED != 0)
-    is_stopped: NDArray[np.bool_] = np.maximum.accumulate(stops, axis=1)
-    is_free = ~is_stopped & (part // stride < steps[:, None])
-    free = np.where(is_free, s, 0.0)
-    at = slice(stride - 1, None, stride)
-    known: NDArray[np.bool_] = np.asarray(flags[:, at] & kernels.KNOWN, dtype=np.bool_)
-    fresh = (~known[:, :, :inner]).sum(axis=2) * is_free[:, at]
-    rated[:, 0] = fresh.sum(axis=1)
-    rated[:, 1] = (fresh * known[:, :, inner:].any(axis=2)).sum(axis=1)
-    rated[:, 2] = np.where(fresh > 0, s[at], 0.0).max(axis=1, initial=0.0)
-    rated[:, 3] = free.max(axis=1, initial=0.0)
-
-
-_rate = kernels.rate if kernels.IS_COMPILED else _rate_side_by_side
-
-
-def _three(position: Sequence[float]) -> list[float]:
-    return [position[0], position[1], position[2] if len(position) > 2 else 0.0]
 
 
 def _stray(point: list[float], start: list[float], end: list[float]) -> float:

@@ -198,3 +198,8 @@ def _in_swept_square(
 
 
 __all__ = ["BLOCKED", "GIVEN_UP", "KNOWN", "NEAR_WALL", "TRODDEN", "VISITED", "WALL", "VisitedMap"]
+
+
+def three(position: Sequence[float]) -> list[float]:
+    """Give a position or direction three components, the last one 0 in two dimensions."""
+    return [position[0], position[1], position[2] if len(position) > 2 else 0.0]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.explore import explorer, kernels, memory
+from swarm_ctl.explore import kernels, memory, swath
 from swarm_ctl.explore.frontier import find_way, find_way_to
 from swarm_ctl.explore.memory import NEAR_WALL, TRODDEN, VISITED, WALL, VisitedMap
 
@@ -160,7 +160,7 @@ def test_loops_and_arrays_rate_the_same(seed: int, stride: int, d: int) -> None:
     place = world.cells(chance.uniform(-5.0, 5.0, 3))
     question = (world.grid, place, directions, sides, 2, 3, lengths, 1.3, stride)
     kernels.rate(*question, one)
-    explorer._rate_side_by_side(*question, other)
+    swath._rate_side_by_side(*question, other)
     assert one.tolist() == other.tolist()
 
 
