@@ -21,6 +21,7 @@ from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import Fault, parse_fault
 from mock_vehicle.fleet import Fleet
 from mock_vehicle.server import Port, PortError, Server
+from mock_vehicle.vehicle import personalities
 from mock_vehicle.world import WorldSpec, load_world
 
 SYSID_MAX = 255
@@ -38,12 +39,6 @@ class Autopilot(StrEnum):
     PX4 = "px4"
     ARDUPILOT = "ardupilot"
     MIXED = "mixed"
-
-    def personalities(self, vehicles: int) -> list[str]:
-        """Name one personality per vehicle; a mixed fleet alternates."""
-        if self is Autopilot.MIXED:
-            return [("px4", "ardupilot")[index % 2] for index in range(vehicles)]
-        return [self.value] * vehicles
 
 
 TRUTH_EVERY = 5
@@ -105,11 +100,11 @@ def run(
 ) -> None:
     """Fly a fleet of mock MAVLink vehicles until stopped."""
     logging.basicConfig(format="mock-vehicle: %(message)s", stream=sys.stderr)
-    personalities = autopilot.personalities(vehicles)
+    kinds = personalities(autopilot.value, vehicles)
     try:
-        ports = plan_ports(personalities, host=host, base=port, remote=remote)
+        ports = plan_ports(kinds, host=host, base=port, remote=remote)
         faults = [parse_fault(text) for text in fault or ()]
-        fleet = _fleet(world, personalities, seed=seed, first_sysid=first_sysid, faults=faults)
+        fleet = _fleet(world, kinds, seed=seed, first_sysid=first_sysid, faults=faults)
     except (MockVehicleError, ValueError, OSError) as error:
         typer.echo(f"mock-vehicle: {error}", err=True)
         raise typer.Exit(2) from None
@@ -121,14 +116,12 @@ def run(
         raise typer.Exit(2) from None
 
 
-def plan_ports(
-    personalities: list[str], *, host: str, base: int | None, remote: str | None
-) -> list[Port]:
+def plan_ports(kinds: list[str], *, host: str, base: int | None, remote: str | None) -> list[Port]:
     """Give every vehicle the ports of its autopilot's own simulator, unless told otherwise."""
     called = parse_remote(remote) if remote is not None else None
     ports: list[Port] = []
-    for index, personality in enumerate(personalities):
-        is_px4 = personality == "px4"
+    for index, kind in enumerate(kinds):
+        is_px4 = kind == "px4"
         first = (PX4_BIND if is_px4 else ARDUPILOT_BIND) if base is None else base
         bind = first + index if first else 0
         if bind > PORT_MAX:
@@ -150,14 +143,12 @@ def parse_remote(text: str) -> tuple[str, int]:
 
 
 def _fleet(
-    world: Path, personalities: list[str], *, seed: int, first_sysid: int, faults: list[Fault]
+    world: Path, kinds: list[str], *, seed: int, first_sysid: int, faults: list[Fault]
 ) -> Fleet:
-    last = first_sysid + len(personalities) - 1
+    last = first_sysid + len(kinds) - 1
     if last > SYSID_MAX:
         raise ValueError(f"--first-sysid {first_sysid}: sysids would end at {last}, not 255")
-    return Fleet(
-        load_world(world), personalities, seed=seed, first_sysid=first_sysid, faults=faults
-    )
+    return Fleet(load_world(world), kinds, seed=seed, first_sysid=first_sysid, faults=faults)
 
 
 async def _serve(

@@ -22,12 +22,21 @@ LIMITS: Mapping[str, Limits] = {
 }
 """How each personality flies, for `Dynamics`."""
 
+MIXED = "mixed"
+"""A fleet in which the personalities take turns."""
+
 COMPANION_COMPID = 191
 DATAGRAM_BYTES = 1400
 HEARTBEAT_ID = wire.message("HEARTBEAT").id
 TUNNEL_ID = wire.message("TUNNEL").id
 _STATE_COLUMNS = 17
 """Columns of `refresh_all` that stand in State as they are; the rest are ranges."""
+
+
+def personalities(kind: str, vehicles: int) -> list[str]:
+    """Name one personality per vehicle: all of a kind, or in turn when they are mixed."""
+    kinds = list(PERSONALITIES) if kind == MIXED else [kind]
+    return [kinds[index % len(kinds)] for index in range(vehicles)]
 
 
 class Vehicle:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from typing import Protocol
 
@@ -14,6 +15,7 @@ from swarm_ctl.record.summary import VehicleResult
 TICK_S = 0.1
 """Mission time between two decisions and two setpoints."""
 WAYPOINT_S = 1.0
+KILLED = "its controller was killed"
 
 
 class Controller:
@@ -66,7 +68,12 @@ class Controller:
     def kill(self, reason: str, now: float) -> None:
         """End this controller; its vehicle is left to its autopilot's own failsafe."""
         self.agent.fail(reason, now)
-        self.record(now)
+        with contextlib.suppress(OSError):  # it ends, also when its record cannot be written
+            self.record(now)
+
+    def break_down(self, error: Exception, now: float) -> None:
+        """End this controller by what it raised: one vehicle never stops another."""
+        self.kill(f"its controller broke: {type(error).__name__}: {error}", now)
 
     def result(self) -> VehicleResult:
         """Sum up this vehicle's flight."""

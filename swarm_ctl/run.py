@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from swarm_ctl.controller import Clock, Controller, fly
+from swarm_ctl.controller import KILLED, Clock, Controller, fly
 from swarm_ctl.errors import MockError
 from swarm_ctl.flight import TRUTH, Faults, controllers_for
 from swarm_ctl.link.udp import UdpLink
@@ -89,7 +89,7 @@ class UdpRun:
         elif not all(controller.agent.is_ended for controller in self.controllers):
             self.notes.append(TWICE)
             for controller in self.controllers:
-                _give_up(controller, TWICE, self.now)
+                controller.kill(TWICE, self.now)
 
     # -- vehicles ------------------------------------------------------------------------------
 
@@ -105,13 +105,12 @@ class UdpRun:
         try:
             await fly(controller, link, self.clock, offset_s=offset_s)
         except Exception as error:  # noqa: BLE001 - one vehicle never stops another
-            reason = f"its controller broke: {type(error).__name__}: {error}"
-            _give_up(controller, reason, self.now)
+            controller.break_down(error, self.now)
 
     async def _kill_controllers(self) -> None:
         for moment_s, sysid in self._faults.controllers:
             await self.clock.sleep_until(moment_s)
-            _give_up(self.controllers[sysid - 1], "its controller was killed", self.now)
+            self.controllers[sysid - 1].kill(KILLED, self.now)
 
     async def _report(self, progress: Callable[[UdpRun], None]) -> None:
         while True:
@@ -183,7 +182,7 @@ class UdpRun:
         self.notes.append(f"the mock fleet died at {self.now:.1f} s")
         await self.clock.sleep_until(self.now + self.mission.limits.link_lost_s + GRACE_S)
         for controller in self.controllers:
-            _give_up(controller, "its autopilot died with the mock fleet", self.now)
+            controller.kill("its autopilot died with the mock fleet", self.now)
 
     async def _heed(self, mock: asyncio.subprocess.Process) -> None:
         """Keep the mock's latest complaint, and its pipe from filling up."""
@@ -203,12 +202,6 @@ class UdpRun:
             self.notes.append("the mock fleet did not stop and was killed")
         if self._complaint:
             self.notes.append(f"the mock fleet's last complaint: {self._complaint}")
-
-
-def _give_up(controller: Controller, reason: str, now: float) -> None:
-    """End one controller, also when its record cannot be written."""
-    with contextlib.suppress(OSError):
-        controller.kill(reason, now)
 
 
 def _kill(mock: asyncio.subprocess.Process | None) -> None:

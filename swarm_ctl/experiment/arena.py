@@ -7,8 +7,9 @@ from collections.abc import Callable
 from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import FleetKilled, parse_fault
 from mock_vehicle.fleet import STEP_S, Fleet
+from mock_vehicle.vehicle import personalities
 from mock_vehicle.world import load_world
-from swarm_ctl.controller import Controller
+from swarm_ctl.controller import KILLED
 from swarm_ctl.errors import MockError
 from swarm_ctl.flight import TRUTH, Faults, controllers_for
 from swarm_ctl.mission import Mission
@@ -53,11 +54,15 @@ class Arena:
         self.now = now = self._step * STEP_S
         while self._kills and self._kills[0][0] <= now:
             _, sysid = self._kills.pop(0)
-            self.controllers[sysid - 1].kill("its controller was killed", now)
+            self.controllers[sysid - 1].kill(KILLED, now)
         if self._is_mock_alive:
             self._step_fleet(now)
         for controller in self.controllers[self._step % STEPS_PER_TICK :: STEPS_PER_TICK]:
-            data = self._tick(controller, now)
+            try:
+                data = controller.tick(now)
+            except Exception as error:  # noqa: BLE001 - one vehicle never stops another
+                controller.break_down(error, now)
+                continue
             if data and self._is_mock_alive:
                 self.fleet.receive(controller.index, data, now)
         self._folder.tick(now)
@@ -80,25 +85,18 @@ class Arena:
             self.notes.append(f"the mock fleet died at {now:.1f} s")
             return
         for index, data in datagrams:
-            self.controllers[index].receive(data, now)
-
-    @staticmethod
-    def _tick(controller: Controller, now: float) -> bytes:
-        """Let one controller decide; whatever breaks in it stays with it."""
-        try:
-            return controller.tick(now)
-        except Exception as error:  # noqa: BLE001 - one vehicle never stops another
-            controller.kill(f"its controller broke: {type(error).__name__}: {error}", now)
-            return b""
+            controller = self.controllers[index]
+            try:
+                controller.receive(data, now)
+            except Exception as error:  # noqa: BLE001 - one vehicle never stops another
+                controller.break_down(error, now)
 
 
 def _fleet(mission: Mission, faults: Faults) -> Fleet:
-    kinds = {"mixed": ("px4", "ardupilot")}.get(mission.autopilot, (mission.autopilot,))
-    personalities = [kinds[index % len(kinds)] for index in range(mission.vehicles)]
     try:
         return Fleet(
             load_world(mission.world),
-            personalities,
+            personalities(mission.autopilot, mission.vehicles),
             seed=mission.seed,
             faults=[parse_fault(text) for text in faults.mock],
         )

@@ -201,6 +201,23 @@ def test_a_planner_that_breaks_makes_the_vehicle_hold_and_land(
     assert flight.agent(2).phase.value in EXPLORES
 
 
+@pytest.mark.parametrize("part", ["tick", "receive"])
+def test_a_controller_that_breaks_stops_no_other_one(
+    launch: Launch, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    flight = launch(vehicles=3, duration_s=15.0)
+    flight.fly_until(lambda: flight.all_in(*EXPLORES))
+
+    def broken(*_: Any) -> None:
+        raise TypeError("no idea")
+
+    monkeypatch.setattr(flight.agent(2), part, broken)
+    flight.fly_to_the_end()
+    phases = [controller.agent.phase for controller in flight.arena.controllers]
+    assert phases == [Phase.DONE, Phase.FAILED, Phase.DONE]
+    assert flight.agent(2).trouble == "its controller broke: TypeError: no idea"
+
+
 def test_the_same_seed_repeats_a_run_bit_for_bit(launch: Launch) -> None:
     hashes = []
     for seed in (7, 7, 8):
