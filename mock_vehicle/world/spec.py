@@ -44,7 +44,16 @@ class MapSpec(_Section):
     """Height of its walls above the floor, m; default: to the ceiling, 3 m under open sky."""
 
 
-class BoxSpec(_Section):
+class _Solid(_Section):
+    """What stands upright."""
+
+    bottom_m: NotNegative = 0.0
+    """Height of its lower face, m."""
+    height_m: Positive | None = None
+    """Height from bottom to top, m; default: to the ceiling, 3 m under open sky."""
+
+
+class BoxSpec(_Solid):
     """An upright box."""
 
     center_m: Point
@@ -53,10 +62,6 @@ class BoxSpec(_Section):
     """Edges along its own x and y, m."""
     yaw_deg: Number = 0.0
     """Its x axis, degrees counter-clockwise from east."""
-    bottom_m: NotNegative = 0.0
-    """Height of its lower face, m."""
-    height_m: Positive | None = None
-    """Height from bottom to top, m; default: to the ceiling, 3 m under open sky."""
 
 
 class DoorSpec(_Section):
@@ -70,7 +75,7 @@ class DoorSpec(_Section):
     """Height of the lintel above the wall's bottom, m; null: the gap has the wall's height."""
 
 
-class WallSpec(_Section):
+class WallSpec(_Solid):
     """A straight wall with doors."""
 
     from_m: Point
@@ -79,25 +84,17 @@ class WallSpec(_Section):
     """The other end, m."""
     thickness_m: Positive = 0.1
     """Thickness, half of it on either side of the line, m."""
-    bottom_m: NotNegative = 0.0
-    """Height of its lower edge, m."""
-    height_m: Positive | None = None
-    """Height from bottom to top, m; default: to the ceiling, 3 m under open sky."""
     doors: tuple[DoorSpec, ...] = ()
     """Gaps, which may not overlap."""
 
 
-class CylinderSpec(_Section):
+class CylinderSpec(_Solid):
     """An upright cylinder."""
 
     center_m: Point
     """Axis x, y, m."""
     radius_m: Positive
     """Radius, m."""
-    bottom_m: NotNegative = 0.0
-    """Height of its lower face, m."""
-    height_m: Positive | None = None
-    """Height from bottom to top, m; default: to the ceiling, 3 m under open sky."""
 
 
 class VictimSpec(_Section):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from swarm_ctl.experiment.batch import Case, Field, Outcome, has_numba, simulate
+from swarm_ctl.experiment.hot import compiled, interpreted
 from swarm_ctl.explore.planner import PlannerParams
 
 SQUARE = Field((0.0, 0.0), (20.0, 20.0))
@@ -128,9 +129,7 @@ def test_what_is_covered_counts_of_the_free_ground(fast: bool) -> None:
 @pytest.mark.parametrize("fast", WAYS)
 def test_who_hears_nobody_is_not_pushed_and_a_chain_of_links_is_one_cluster(fast: bool) -> None:
     """A line of robots 1.9 m apart: all in one cluster with a radio of 2 m, none with 1.8 m."""
-    from swarm_ctl.experiment import batch  # noqa: PLC0415
-
-    tools = batch._compiled() if fast else batch._interpreted()
+    tools = compiled() if fast else interpreted()
     line = np.stack([np.arange(5) * 1.9, np.zeros(5)], axis=1)[None]
     for radio_m, heard in ((2.0, 4), (1.8, 0)):
         peers = np.zeros((1, 5, 5, 2))
@@ -143,9 +142,7 @@ def test_who_hears_nobody_is_not_pushed_and_a_chain_of_links_is_one_cluster(fast
 
 @pytest.mark.parametrize("fast", WAYS)
 def test_three_beams_look_ahead_left_and_right(fast: bool) -> None:
-    from swarm_ctl.experiment import batch  # noqa: PLC0415
-
-    tools = batch._compiled() if fast else batch._interpreted()
+    tools = compiled() if fast else interpreted()
     boxes = np.array([[4.0, 4.0, 5.0, 5.0]])
     place = np.array([[4.5, 3.5], [4.5, 3.5], [1.0, 2.0]])
     heading = np.array([math.pi / 2, 0.0, math.pi])  # east, north, south
