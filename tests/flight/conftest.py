@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
-from flight_log import MISSION, WORLD, Flight
+from flight_log import Flight
+from halls import MISSION, write_hall
 
 from swarm_ctl.experiment.arena import Arena
 from swarm_ctl.flight import Faults
@@ -22,12 +22,11 @@ def launch(tmp_path: Path) -> Iterator[Callable[..., Flight]]:
         def start(
             *, faults: tuple[str, ...] = (), world: dict[str, Any] | None = None, **changes: Any
         ) -> Flight:
-            mission: dict[str, Any] = {**MISSION, **changes}
-            for block in ("planner", "flight", "limits"):
-                mission[block] = {**MISSION[block], **changes.get(block, {})}
-            (tmp_path / "world.yaml").write_text(yaml.safe_dump({**WORLD, **(world or {})}))
-            (tmp_path / "hall.yaml").write_text(yaml.safe_dump(mission))
-            loaded = load_mission(tmp_path / "hall.yaml")
+            blocks = {
+                block: {**MISSION[block], **changes.get(block, {})}
+                for block in ("planner", "flight", "limits")
+            }
+            loaded = load_mission(write_hall(tmp_path, {**changes, **blocks}, world))
             run = Path(tempfile.mkdtemp(dir=tmp_path))
             folder = RunFolder.create(
                 run, loaded.name, loaded.dump(), seed=loaded.seed, mode="virtual"

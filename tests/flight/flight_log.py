@@ -7,25 +7,6 @@ from swarm_ctl.agent.agent import Agent
 from swarm_ctl.experiment.arena import Arena
 from swarm_ctl.record.folder import RunFolder
 
-WORLD: dict[str, Any] = {
-    "name": "hall",
-    "size_m": [16, 16],
-    "ceiling_m": 4.0,
-    "victims": [{"name": "v1", "position_m": [4.0, 4.0, 0.3]}],
-    "starts": {"grid": {"origin_m": [6, 6], "spacing_m": 2.0, "columns": 3}},
-    "coverage": {"footprint": "disc", "radius_m": 1.0, "cell_m": 0.25, "line_of_sight": True},
-    "radio": {"radius_m": 3.0},
-}
-MISSION: dict[str, Any] = {
-    "name": "hall",
-    "world": "world.yaml",
-    "vehicles": 2,
-    "duration_s": 40.0,
-    "planner": {"kind": "lf-pso", "levy_min_m": 2.0, "avoid_distance_m": 0.7},
-    "flight": {"height_m": 1.5},
-    "limits": {"ceiling_m": 3.5, "radius_m": 50.0},
-}
-
 
 class Flight:
     """A mission in the air, and the words to tell its story."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
+from halls import write_hall
 from rich.console import Console
 
 import swarm_ctl
@@ -22,20 +22,7 @@ from swarm_ctl.progress import header, table
 SHARED = "MISSION --world --vehicles --planner --autopilot --duration --help"
 """Words in the help of every command that takes a mission."""
 MISSIONS = sorted((Path(__file__).parents[2] / "missions").glob("*.yaml"))
-WORLD: dict[str, Any] = {
-    "name": "hall",
-    "size_m": [16, 16],
-    "ceiling_m": 4.0,
-    "victims": [{"name": "v1", "position_m": [4.0, 4.0, 0.3]}],
-    "starts": {"grid": {"origin_m": [6, 6], "spacing_m": 2.0, "columns": 3}},
-    "radio": {"radius_m": 3.0},
-}
-MISSION: dict[str, Any] = {
-    "world": "world.yaml",
-    "vehicles": 2,
-    "duration_s": 8.0,
-    "limits": {"ceiling_m": 3.5, "radius_m": 50.0},
-}
+SHORT: dict[str, Any] = {"duration_s": 8.0}
 
 
 class Shell:
@@ -66,10 +53,7 @@ def hall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]
     monkeypatch.chdir(tmp_path)
 
     def write(*, place: dict[str, Any] | None = None, **changes: Any) -> Path:
-        (tmp_path / "world.yaml").write_text(yaml.safe_dump({**WORLD, **(place or {})}))
-        mission = tmp_path / "hall.yaml"
-        mission.write_text(yaml.safe_dump({**MISSION, **changes}))
-        return mission
+        return write_hall(tmp_path, {**SHORT, **changes}, place)
 
     return write
 

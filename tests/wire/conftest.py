@@ -7,25 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
+from halls import write_hall
 
-WORLD: dict[str, Any] = {
-    "name": "hall",
-    "size_m": [16, 16],
-    "ceiling_m": 4.0,
-    "victims": [{"name": "v1", "position_m": [4.0, 4.0, 0.3]}],
-    "starts": {"grid": {"origin_m": [6, 6], "spacing_m": 2.0, "columns": 3}},
-    "coverage": {"footprint": "disc", "radius_m": 1.0, "cell_m": 0.25, "line_of_sight": True},
-    "radio": {"radius_m": 3.0},
-}
-MISSION: dict[str, Any] = {
-    "world": "world.yaml",
-    "vehicles": 2,
-    "duration_s": 5.0,
-    "planner": {"kind": "lf-pso", "levy_min_m": 2.0, "avoid_distance_m": 0.7},
-    "flight": {"height_m": 1.5, "climb_m_s": 1.0},
-    "limits": {"ceiling_m": 3.5, "radius_m": 50.0},
-}
+SHORT: dict[str, Any] = {"duration_s": 5.0, "flight": {"height_m": 1.5, "climb_m_s": 1.0}}
 
 
 @pytest.fixture
@@ -33,10 +17,7 @@ def hall(tmp_path: Path) -> Callable[..., Path]:
     """Give a function that writes a mission in a hall, changed as asked for."""
 
     def write(*, world: dict[str, Any] | None = None, **changes: Any) -> Path:
-        (tmp_path / "world.yaml").write_text(yaml.safe_dump({**WORLD, **(world or {})}))
-        mission = tmp_path / "hall.yaml"
-        mission.write_text(yaml.safe_dump({**MISSION, **changes}))
-        return mission
+        return write_hall(tmp_path, {**SHORT, **changes}, world)
 
     return write
 
