@@ -104,11 +104,6 @@ class Vehicle:
         """Arrivals of accepted setpoints."""
         return self.autopilot.setpoint_times
 
-    @property
-    def link_stats(self) -> wire.Stats:
-        """What the parser has met: bad frames, lost frames."""
-        return self._parser.stats
-
     def refresh(
         self, row: list[float], peers: list[PeerFix], victims: list[VictimFix], readings: Readings
     ) -> None:

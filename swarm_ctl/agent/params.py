@@ -20,8 +20,6 @@ class FlightParams(Section):
     """Delay between a demanded velocity and half of its effect, in seconds; larger brakes earlier.
 
     PX4 and ArduPilot take 0.6 to 0.8 s to half of a step of 2 m/s."""
-    yaw_rate_deg_s: float = Field(default=90.0, gt=0.0, le=360.0)
-    """Fastest turn on the spot, in degrees per second."""
     return_home: bool = True
     """Fly back to the own start when the exploration ends; else land where it is."""
     return_timeout_s: float = Field(default=240.0, ge=0.0, le=3600.0)

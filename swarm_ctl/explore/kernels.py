@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from swarm_ctl.explore.chance import Floats
 
 Grid = NDArray[np.uint8]
-Ints = NDArray[np.int32]
 Cells = Any
 """Bytes, one per cell, or an array of them."""
 Call = TypeVar("Call", bound=Callable[..., Any])
