@@ -68,7 +68,8 @@ class Referee:
         self._starts_ned_m = starts_ned_m
         self.coverage = Coverage(world, starts_ned_m)
         self._walls = Contacts(n)
-        self._pairs: dict[tuple[int, int], bool] = {}
+        self._pairs: set[tuple[int, int]] = set()
+        """Who touches whom now."""
         self._pair_collisions = 0
         self.min_separation_m = math.inf
         self.path_length_m = np.zeros(n)
@@ -98,13 +99,13 @@ class Referee:
 
     def observe_pairs(self, pairs: list[tuple[int, int]], gap_m: FLOATS, counts: BOOLS) -> None:
         """Count pairs that newly touch; pairs that are not named are far apart."""
-        touching: dict[tuple[int, int], bool] = {}
+        touching: set[tuple[int, int]] = set()
         for pair, gap, may_begin in zip(pairs, gap_m.tolist(), counts.tolist(), strict=True):
             if pair in self._pairs:
                 if gap <= PAIR_TOUCH_M + PARTED_M:
-                    touching[pair] = True
+                    touching.add(pair)
             elif may_begin and gap < PAIR_TOUCH_M - TOLERANCE_M:
-                touching[pair] = True
+                touching.add(pair)
                 self._pair_collisions += 1
         self._pairs = touching
 
