@@ -86,6 +86,7 @@ class _Batch:
             speed_m_s=case.speed_m_s,
             climb_m_s=case.speed_m_s,
             seeds=[(seed, trial, robot) for trial in trials for robot in range(robots)],
+            kernels=tools.planner,
         )
         starts = [_starts(case, seed, trial) for trial in trials]
         self.position_m: Floats = np.concatenate([place for place, _ in starts])
@@ -113,7 +114,8 @@ class _Batch:
         self._steps += 1
         last_m, self._heading_rad = self.position_m, plan.heading_rad
         self._move(plan.velocity_m_s * self._case.planner.period_s)
-        moved_m = np.sqrt(((self.position_m - last_m) ** 2).sum(axis=1))
+        moved = self.position_m - last_m
+        moved_m = np.sqrt(np.einsum("nd,nd->n", moved, moved))
         self.path_m += moved_m.reshape(self._count, -1).sum(axis=1)
         self._meet()
         self._score()
@@ -121,21 +123,23 @@ class _Batch:
     def _sense(self) -> Floats:
         """Measure front, left and right; only who has something within reach casts rays."""
         reach_m = self._case.planner.avoid_distance_m
-        rows = _near(self.position_m, self._field, self._boxes, reach_m).nonzero()[0]
-        cos, sin = np.cos(self._heading_rad[rows]), np.sin(self._heading_rad[rows])
+        low, high = self._field.low_m, self._field.high_m
+        rows = self._tools.near(self.position_m, low, high, self._boxes, reach_m)
         self._ranges_m[:] = np.inf
         if rows.size:
-            low, high = self._field.low_m, self._field.high_m
-            beams = self._tools.cast(self.position_m[rows], cos, sin, low, high, self._boxes)
+            place_m, heading_rad = self.position_m.take(rows, axis=0), self._heading_rad[rows]
+            cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+            beams = self._tools.cast(place_m, cos, sin, low, high, self._boxes)
             for column, beam in enumerate(_BEAMS):
-                self._ranges_m[rows, beam] = beams[:, column]
+                self._ranges_m[:, beam][rows] = beams[:, column]
         return self._ranges_m
 
     def _move(self, motion_m: Floats) -> None:
         wanted_m = self.position_m + motion_m
         half_m = self._case.body_m / 2.0
-        moved_m = _slide(self.position_m, wanted_m, self._field, self._boxes, half_m)
-        stopped = (moved_m != wanted_m).any(axis=1)
+        low, high = self._field.low_m, self._field.high_m
+        slide = self._tools.slide
+        moved_m, stopped = slide(self.position_m, wanted_m, low, high, self._boxes, half_m)
         begun = (stopped & ~self._stopped).reshape(self._count, -1)
         self.bumps += begun.sum(axis=1)
         self.position_m, self._stopped = moved_m, stopped
@@ -190,35 +194,6 @@ def is_start_free(case: Case) -> bool:
     boxes = np.array(case.field.boxes_m, dtype=np.float64).reshape(-1, 4)
     inside = (place >= case.field.low_m).all() and (place <= case.field.high_m).all()
     return bool(inside) and not overlaps(place, boxes, half_m + 3.0 * case.jitter_m).any()
-
-
-def _near(place_m: Floats, field: Field, boxes: Floats, reach_m: float) -> Bools:
-    """Tell who (n,) has a wall or a box near enough for a ray to hit it within reach."""
-    north, east = place_m[:, 0], place_m[:, 1]
-    near: Bools = (north < field.low_m[0] + reach_m) | (north > field.high_m[0] - reach_m)
-    near |= (east < field.low_m[1] + reach_m) | (east > field.high_m[1] - reach_m)
-    if len(boxes):
-        near |= overlaps(place_m, boxes, reach_m).any(axis=1)
-    return near
-
-
-def _slide(last_m: Floats, wanted_m: Floats, field: Field, boxes: Floats, half_m: float) -> Floats:
-    """Keep bodies inside and out of boxes; who would end in one slides along the side it hit."""
-    low, high = np.add(field.low_m, half_m), np.subtract(field.high_m, half_m)
-    place_m: Floats = np.clip(wanted_m, low, high)
-    if not len(boxes):
-        return place_m
-    row, box = overlaps(place_m, boxes, half_m).nonzero()
-    sides = boxes[box] + np.array([-half_m, -half_m, half_m, half_m])
-    outward = np.array([-1.0, -1.0, 1.0, 1.0])
-    was_beyond = outward * (np.tile(last_m[row], 2) - sides) > -1e-9
-    deep_m = np.where(was_beyond, outward * (sides - np.tile(place_m[row], 2)), np.inf)
-    side = deep_m.argmin(axis=1)
-    place_m[row, side % 2] = sides[np.arange(len(row)), side]
-    # Between two boxes nothing but to stay is sure to be free.
-    stuck = row[overlaps(place_m[row], boxes, half_m - 1e-9).any(axis=1)]
-    place_m[stuck] = last_m[stuck]
-    return place_m
 
 
 def _sees(from_m: Floats, to_m: Floats, boxes: Floats) -> Bools:

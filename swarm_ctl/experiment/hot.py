@@ -14,8 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm_ctl.experiment import walls
 from swarm_ctl.experiment.case import TINY, Bools, Case, Counts, overlaps
-from swarm_ctl.explore.chance import Floats
+from swarm_ctl.explore import rows
+from swarm_ctl.explore.chance import Floats, Rows
 
 
 def has_numba() -> bool:
@@ -28,7 +30,10 @@ class Tools(NamedTuple):
 
     cast: Callable[..., Floats]
     meet: Callable[..., None]
+    near: Callable[..., Rows]
+    slide: Callable[..., tuple[Floats, Bools]]
     ground: Callable[[Case, int], Ground]
+    planner: rows.Kernels
 
 
 class Ground:
@@ -126,12 +131,13 @@ class CompiledGround(Ground):
 
 def interpreted() -> Tools:
     """Give the parts in numpy."""
-    return Tools(_cast_all, _meet_all, Ground)
+    return Tools(_cast_all, _meet_all, walls.near_all, walls.slide_all, Ground, rows.NUMPY)
 
 
 def compiled() -> Tools:
     """Give the parts compiled; ImportError without numba."""
-    return Tools(_jit(_cast), _jit(_meet), CompiledGround)
+    near, slide = _jit(walls.near), _jit(walls.slide)
+    return Tools(_jit(_cast), _jit(_meet), near, slide, CompiledGround, rows.compiled())
 
 
 @cache
@@ -286,20 +292,20 @@ def _mark(
             east = place_m[trial, i, 1] - origin_m[1]
             first = max(math.ceil((north - half) / cell - 0.5), 0)
             last = min(math.floor((north + half) / cell - 0.5), bits.shape[1] - 1)
-            begin = max(math.ceil((east - half) / cell - 0.5), 0)
-            end = min(math.floor((east + half) / cell - 0.5) + 1, columns)
-            for row in range(first, last + 1):
+            band = 1 if is_disc else max(last + 1 - first, 1)
+            for at in range(first, last + 1, band):
+                reach = half
                 if is_disc:
-                    beside = (row + 0.5) * cell - north
+                    beside = (at + 0.5) * cell - north
                     reach = math.sqrt(max(half * half - beside * beside, 0.0))
-                    begin = max(math.ceil((east - reach) / cell - 0.5), 0)
-                    end = min(math.floor((east + reach) / cell - 0.5) + 1, columns)
-                if begin >= end:
-                    continue
+                begin = max(math.ceil((east - reach) / cell - 0.5), 0)
+                end = min(math.floor((east + reach) / cell - 0.5) + 1, columns)
                 for word in range(begin >> 6, ((end - 1) >> 6) + 1):
                     low, high = max(begin - (word << 6), 0), min(end - (word << 6), 64)
-                    run = (every >> np.uint64(64 - high + low)) << np.uint64(low)
-                    bits[trial, row, word] |= run
+                    if low < high:
+                        run = (every >> np.uint64(64 - high + low)) << np.uint64(low)
+                        for row in range(at, at + band):
+                            bits[trial, row, word] |= run
 
 
 def _count(bits: NDArray[np.uint64], free: NDArray[np.uint64]) -> Counts:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarm_ctl.explore.chance import Chance, Floats, Rows
+from swarm_ctl.explore.chance import Bools, Chance, Floats, Rows
 
 RANGE_ORDER = ("front", "back", "left", "right", "up", "down")
 
@@ -74,10 +74,10 @@ _TURN_RAD = {
 _DOWN = {"planner": 0.0, "level": 0.0, "climb": -1.0, "descend": 1.0}
 
 TURN_RAD: Floats = np.array([_TURN_RAD[policy.turn] for policy in TABLE])
-IS_COIN: NDArray[np.bool_] = np.array([policy.turn == "either" for policy in TABLE])
-TURNS: NDArray[np.bool_] = np.array([policy.turn != "planner" for policy in TABLE])
+IS_COIN: Bools = np.array([policy.turn == "either" for policy in TABLE])
+TURNS: Bools = np.array([policy.turn != "planner" for policy in TABLE])
 DOWN: Floats = np.array([_DOWN[policy.vertical] for policy in TABLE])
-HOLDS_HEIGHT: NDArray[np.bool_] = np.array([policy.vertical != "planner" for policy in TABLE])
+HOLDS_HEIGHT: Bools = np.array([policy.vertical != "planner" for policy in TABLE])
 
 _WEIGHTS = {2: np.array([16.0, 0, 8, 4, 0, 0]), 3: np.array([16.0, 0, 8, 4, 2, 1])}
 _TURNED = math.cos(math.radians(20.0))
@@ -94,6 +94,20 @@ def table_row(ranges_m: Floats, distance_m: float, dimensions: int) -> Rows:
     return row
 
 
+def consult(
+    ranges_m: Floats, distance_m: float, dimensions: int, last: Rows, turns: Bools
+) -> tuple[Rows, Rows, Rows]:
+    """Find the row of TABLE (n,) for each, who turns by it, and who comes free of a turn.
+
+    `last` is the row (n,) of the step before; `turns` is TURNS.
+    """
+    row = table_row(ranges_m, distance_m, dimensions)
+    if not (last.any() or row.any()):
+        return row, _NOBODY, _NOBODY
+    is_turning = turns[row]
+    return row, is_turning.nonzero()[0], (turns[last] & ~is_turning).nonzero()[0]
+
+
 class Avoidance:
     """The commanded heading of each vehicle in front of an obstacle.
 
@@ -104,7 +118,14 @@ class Avoidance:
     that turns at once this is the table at every step.
     """
 
-    def __init__(self, vehicles: int, distance_m: float, dimensions: int) -> None:
+    def __init__(
+        self,
+        vehicles: int,
+        distance_m: float,
+        dimensions: int,
+        consult: Callable[..., tuple[Rows, Rows, Rows]] = consult,
+    ) -> None:
+        self._consult = consult
         self._distance_m = distance_m
         self._dimensions = dimensions
         self._row = np.zeros(vehicles, dtype=np.intp)
@@ -112,34 +133,35 @@ class Avoidance:
         """Commanded heading (n,), valid where `suspends` says so."""
 
     @property
-    def is_active(self) -> NDArray[np.bool_]:
+    def is_active(self) -> Bools:
         """Tell whom a sensor keeps from flying freely (n,)."""
-        active: NDArray[np.bool_] = self._row != 0
+        active: Bools = self._row != 0
         return active
 
     @property
-    def suspends(self) -> NDArray[np.bool_]:
+    def suspends(self) -> Bools:
         """Tell for whom Eq. 6 is suspended along the ground (n,)."""
-        suspended: NDArray[np.bool_] = TURNS[self._row]
+        suspended: Bools = TURNS[self._row]
         return suspended
 
     @property
-    def vertical(self) -> tuple[NDArray[np.bool_], Floats]:
+    def vertical(self) -> tuple[Bools, Floats]:
         """Tell whose height the table rules (n,) and where to: -1 up, 0 level, 1 down (n,)."""
         return HOLDS_HEIGHT[self._row], DOWN[self._row]
 
     def update(self, heading_rad: Floats, ranges_m: Floats, chance: Chance) -> Rows:
         """Read the sensors at the present headings (n,); the rows that came free of a turn."""
-        row = table_row(ranges_m, self._distance_m, self._dimensions)
-        last, self._row = self._row, row
-        if not (last.any() or row.any()):
-            return _NOBODY
-        turns, turned = TURNS[row], TURNS[last]
-        held = (row >> 2 == last >> 2) & (np.cos(heading_rad - self.heading_rad) < _TURNED)
-        fresh = (turns & ~held).nonzero()[0]
-        if fresh.size:
-            self.heading_rad[fresh] = heading_rad[fresh] + self._turn(fresh, chance)
-        free: Rows = (turned & ~turns).nonzero()[0]
+        last = self._row
+        row, turning, free = self._consult(
+            ranges_m, self._distance_m, self._dimensions, last, TURNS
+        )
+        self._row = row
+        if turning.size:
+            held = np.cos(heading_rad[turning] - self.heading_rad[turning]) < _TURNED
+            held &= row[turning] >> 2 == last[turning] >> 2
+            fresh = turning[~held]
+            if fresh.size:
+                self.heading_rad[fresh] = heading_rad[fresh] + self._turn(fresh, chance)
         return free
 
     def reset(self, rows: Rows) -> None:
@@ -147,8 +169,9 @@ class Avoidance:
         self._row[rows] = 0
 
     def _turn(self, rows: Rows, chance: Chance) -> Floats:
-        turn_rad = TURN_RAD[self._row[rows]]
-        coin = IS_COIN[self._row[rows]].nonzero()[0]
+        row = self._row[rows]
+        turn_rad = TURN_RAD[row]
+        coin = IS_COIN[row].nonzero()[0]
         if coin.size:
             left = chance.uniform(rows[coin], 1)[:, 0] < 0.5
             turn_rad[coin[left]] *= -1.0

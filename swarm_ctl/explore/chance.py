@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Seed = int | Sequence[int] | np.random.SeedSequence
 
 BLOCK = 256
+_AHEAD: Rows = np.arange(BLOCK, dtype=np.intp)
+
+
+def short(cursor: Rows, rows: Rows, most: int) -> Rows:
+    """Find the `rows` that have drawn more than `most` numbers of their blocks."""
+    return rows[cursor[rows] > most]
+
+
+def deal(numbers: Floats, cursor: Rows, rows: Rows, count: int) -> Floats:
+    """Take the next `count` of the `numbers` (n, BLOCK) of each of `rows`, (len(rows), count)."""
+    at = cursor[rows]
+    cursor[rows] = at + count
+    return numbers.reshape(-1).take((rows * BLOCK + at)[:, None] + _AHEAD[:count])
 
 
 class Chance:
@@ -21,25 +35,22 @@ class Chance:
     gather. A row that has too few left for a draw drops them and starts a new block.
     """
 
-    def __init__(self, seeds: Sequence[Seed]) -> None:
+    def __init__(
+        self,
+        seeds: Sequence[Seed],
+        short: Callable[[Rows, Rows, int], Rows] = short,
+        deal: Callable[[Floats, Rows, Rows, int], Floats] = deal,
+    ) -> None:
         self._generators = [np.random.default_rng(seed) for seed in seeds]
         self._numbers = np.empty((len(seeds), BLOCK))
-        self._flat = self._numbers.reshape(-1)
         self._cursor = np.full(len(seeds), BLOCK, dtype=np.intp)
-        self._ahead = np.arange(BLOCK, dtype=np.intp)
+        self._short, self._deal = short, deal
 
     def uniform(self, rows: Rows, count: int) -> Floats:
         """Draw `count` numbers for each of `rows` (no row twice): shape (len(rows), count)."""
         if not 0 < count <= BLOCK:
             raise ValueError(f"a draw takes 1 to {BLOCK} numbers, not {count}")
-        cursor = self._cursor[rows]
-        short = cursor > BLOCK - count
-        if short.any():
-            self._refill(rows[short])
-            cursor[short] = 0
-        self._cursor[rows] = cursor + count
-        return self._flat.take((rows * BLOCK + cursor)[:, None] + self._ahead[:count])
-
-    def _refill(self, rows: Rows) -> None:
-        for row in rows:
+        for row in self._short(self._cursor, rows, BLOCK - count).tolist():
             self._generators[row].random(out=self._numbers[row])
+            self._cursor[row] = 0
+        return self._deal(self._numbers, self._cursor, rows, count)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from swarm_ctl.explore.chance import Chance, Floats, Rows
+from swarm_ctl.explore.chance import Bools, Chance, Floats, Rows
 
 
 def levy_length(chance: Floats, shortest_m: float, longest_m: float, beta: float) -> Floats:
@@ -31,13 +31,26 @@ def direction(chance: Floats, steepest_sine: float) -> Floats:
     climb angle, even within +-`steepest_sine`: 1 spreads the directions evenly over the sphere.
     """
     heading = 2.0 * np.pi * chance[:, 0]
-    unit = np.empty((len(chance), chance.shape[1] + 1))
-    unit[:, 0], unit[:, 1] = np.cos(heading), np.sin(heading)
+    unit = np.empty((len(chance), chance.shape[1] + 1), order="F")
+    np.cos(heading, out=unit[:, 0])
+    np.sin(heading, out=unit[:, 1])
     if chance.shape[1] == 2:
         sine = steepest_sine * (2.0 * chance[:, 1] - 1.0)
         unit[:, :2] *= np.sqrt(1.0 - sine * sine)[:, None]
         unit[:, 2] = -sine
     return unit
+
+
+def travel(last_m: Floats, position_m: Floats, suspended: Bools) -> tuple[Floats, Floats]:
+    """Measure the paths (n,) between (n, d), and as much of them as Eq. 6 has flown."""
+    moved = position_m - last_m
+    moved_m = np.sqrt(np.einsum("nd,nd->n", moved, moved))
+    return moved_m, np.where(suspended, 0.0, moved_m)
+
+
+def put(vector_m: Floats, rows: Rows, length_m: Floats, unit: Floats) -> None:
+    """Set `rows` of (n, d) to vectors as long as (m,) along (m, d)."""
+    vector_m[rows] = length_m[:, None] * unit
 
 
 class Walk:
@@ -54,8 +67,10 @@ class Walk:
         dimensions: int,
         length_m: Callable[[Floats], Floats],
         steepest_sine: float,
+        put: Callable[..., None] = put,
     ) -> None:
         self._chance = chance
+        self._put = put
         self._draw_length = length_m
         self._steepest_sine = steepest_sine
         self._length_m = np.zeros(len(rows))
@@ -75,9 +90,10 @@ class Walk:
     def face(self, rows: Rows, heading_rad: Floats) -> None:
         """Turn the steps of `rows` to headings (m,); lengths and travelled paths are kept."""
         self.is_new[rows] = True
-        level_m = np.hypot(self.vector_m[rows, 0], self.vector_m[rows, 1])
-        self.vector_m[rows, 0] = level_m * np.cos(heading_rad)
-        self.vector_m[rows, 1] = level_m * np.sin(heading_rad)
+        north_m, east_m = self.vector_m[:, 0], self.vector_m[:, 1]
+        level_m = np.hypot(north_m[rows], east_m[rows])
+        north_m[rows] = level_m * np.cos(heading_rad)
+        east_m[rows] = level_m * np.sin(heading_rad)
 
     def bounce(self, rows: Rows, down: Floats) -> None:
         """Reflect the climb of the steps of `rows` (3-D): `down` (m,) is -1 for up, 1 for down."""
@@ -95,4 +111,4 @@ class Walk:
         self._length_m[rows] = length_m
         self._travelled_m[rows] = 0.0
         self.is_new[rows] = True
-        self.vector_m[rows] = length_m[:, None] * direction(chance[:, 1:], self._steepest_sine)
+        self._put(self.vector_m, rows, length_m, direction(chance[:, 1:], self._steepest_sine))

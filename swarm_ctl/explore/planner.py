@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from swarm_ctl.explore.avoidance import RANGE_ORDER, Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
 from swarm_ctl.explore.levy import Walk, even_length, levy_length
-from swarm_ctl.explore.pso import limit_motion, next_motion
 from swarm_ctl.explore.repulsion import Repulsion
+from swarm_ctl.explore.rows import NUMPY, Kernels
 
 __all__ = ["RANGE_ORDER", "Plan", "Planner", "PlannerParams"]
 
@@ -190,6 +190,7 @@ class Planner:
         speed_m_s: float,
         climb_m_s: float,
         seeds: Sequence[Seed],
+        kernels: Kernels = NUMPY,
     ) -> None:
         if params.kind == "explore":
             raise ValueError("kind explore is an Explorer: use explorer.make_planner")
@@ -203,16 +204,18 @@ class Planner:
         is_social = params.kind != "levy" and params.social > 0.0
         self._weights = (params.inertia, params.cognitive, params.social if is_social else 0.0)
         self._rows: Rows = np.arange(n, dtype=np.intp)
-        self._chance = Chance(seeds)
-        self._walk = _walk(params, self._chance, self._rows)
+        self._kernels = kernels = kernels if d == 2 else NUMPY
+        self._chance = Chance(seeds, kernels.short, kernels.deal)
+        self._walk = _walk(params, self._chance, self._rows, kernels)
         self._repulsion = Repulsion(
             n,
             d,
             kept=params.keep_repulsion and params.kind == "lf-pso",
             vertical=params.repulsion_vertical,
             longest_m=params.repulsion_max,
+            hear=kernels.hear,
         )
-        self._avoidance = Avoidance(n, params.avoid_distance_m, d)
+        self._avoidance = Avoidance(n, params.avoid_distance_m, d, kernels.consult)
         window = math.ceil(params.stall_time_s / params.period_s - 1e-9)
         self._stall = StallWatch(n, window, params.stall_distance_m)
         self._motion_m: Floats = np.zeros((n, d))
@@ -270,10 +273,9 @@ class Planner:
         if last_m is None:
             self._facing_rad = heading_rad.copy()
             return
-        moved = position_m - last_m
-        moved_m = np.sqrt(np.einsum("nd,nd->n", moved, moved))
+        moved_m, flown_m = self._kernels.travel(last_m, position_m, self._avoidance.suspends)
         stalled = self._stall.update(moved_m, self._ground_m)
-        self._walk.advance(np.where(self._avoidance.suspends, 0.0, moved_m))
+        self._walk.advance(flown_m)
         if stalled.size:
             self._escape(stalled)
 
@@ -288,22 +290,23 @@ class Planner:
     def _fly(self) -> tuple[Floats, Floats]:
         """Move by Eq. 6: `rand` is one number per term and axis in 2-D, per term in 3-D."""
         terms = self._shape[1] if self._shape[1] == 2 else 1
-        motion_m = next_motion(
+        return self._kernels.fly(
             self._motion_m,
             self._walk.vector_m,
             self._repulsion.vector_m,
             self._chance.uniform(self._rows, 2 * terms),
             self._weights,
+            self._level_m,
+            self._climb_m,
         )
-        return limit_motion(motion_m, self._level_m, self._climb_m)
 
     def _avoid(self) -> None:
         """Put Table I in the place of Eq. 6 where sensors are triggered."""
         turning = self._avoidance.suspends.nonzero()[0]
         heading_rad = self._avoidance.heading_rad[turning]
         level_m = self._level_m * self.params.avoid_speed_fraction
-        self._motion_m[turning, 0] = level_m * np.cos(heading_rad)
-        self._motion_m[turning, 1] = level_m * np.sin(heading_rad)
+        self._motion_m[:, 0][turning] = level_m * np.cos(heading_rad)
+        self._motion_m[:, 1][turning] = level_m * np.sin(heading_rad)
         self._ground_m[turning] = level_m
         if self._shape[1] == 3:
             self._avoid_vertically()
@@ -321,7 +324,7 @@ class Planner:
         self._facing_rad = np.where(fast, travel_rad, self._facing_rad)
 
 
-def _walk(params: PlannerParams, chance: Chance, rows: Rows) -> Walk:
+def _walk(params: PlannerParams, chance: Chance, rows: Rows, kernels: Kernels) -> Walk:
     if params.kind == "pso":
         length_m = partial(even_length, longest_m=params.pso_step_max_m)
     else:
@@ -332,4 +335,4 @@ def _walk(params: PlannerParams, chance: Chance, rows: Rows) -> Walk:
             beta=params.levy_beta,
         )
     steepest = math.sin(math.radians(params.climb_angle_deg))
-    return Walk(chance, rows, params.dimensions, length_m, steepest)
+    return Walk(chance, rows, params.dimensions, length_m, steepest, kernels.put)

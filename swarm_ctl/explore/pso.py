@@ -39,3 +39,17 @@ def limit_motion(motion_m: Floats, level_m: float, climb_m: float) -> tuple[Floa
     if motion_m.shape[1] == 3:
         np.minimum(kappa, climb_m / np.maximum(np.abs(motion_m[:, 2]), climb_m), out=kappa)
     return motion_m * kappa[:, None], ground_m * kappa
+
+
+def fly(
+    motion_m: Floats,
+    local_best_m: Floats,
+    global_best_m: Floats,
+    chance: Floats,
+    weights: tuple[float, float, float],
+    level_m: float,
+    climb_m: float,
+) -> tuple[Floats, Floats]:
+    """Give the next motions within the limits and their lengths along the ground."""
+    motion_m = next_motion(motion_m, local_best_m, global_best_m, chance, weights)
+    return limit_motion(motion_m, level_m, climb_m)
