@@ -2,8 +2,8 @@
 
 Robots are squares that keep their axes, NE metres throughout. The decisions are those of
 `explore.Planner`, one row per robot; here are only the field, what a robot senses, and the score.
-With numba (extra `fast`) the three hot parts (`hot.py`) are compiled; both ways give the same
-numbers, since they do the same operations in the same order and leave sin and cos to numpy.
+With numba (extra `fast`) the hot parts (`hot.py`, `explore/rows.py`) are compiled; both ways give
+the same numbers: they do the same operations in the same order and leave sin and cos to numpy.
 """
 
 from __future__ import annotations
@@ -112,11 +112,8 @@ class _Batch:
         """Sense, plan, move and score once."""
         plan = self._planner.step(self.position_m, self._heading_rad, self._sense(), self._peers_m)
         self._steps += 1
-        last_m, self._heading_rad = self.position_m, plan.heading_rad
+        self._heading_rad = plan.heading_rad
         self._move(plan.velocity_m_s * self._case.planner.period_s)
-        moved = self.position_m - last_m
-        moved_m = np.sqrt(np.einsum("nd,nd->n", moved, moved))
-        self.path_m += moved_m.reshape(self._count, -1).sum(axis=1)
         self._meet()
         self._score()
 
@@ -138,11 +135,12 @@ class _Batch:
         wanted_m = self.position_m + motion_m
         half_m = self._case.body_m / 2.0
         low, high = self._field.low_m, self._field.high_m
-        slide = self._tools.slide
-        moved_m, stopped = slide(self.position_m, wanted_m, low, high, self._boxes, half_m)
-        begun = (stopped & ~self._stopped).reshape(self._count, -1)
-        self.bumps += begun.sum(axis=1)
-        self.position_m, self._stopped = moved_m, stopped
+        last_m, was_stopped = self.position_m, self._stopped
+        self.position_m, moved_m, self._stopped = self._tools.slide(
+            last_m, wanted_m, low, high, self._boxes, half_m
+        )
+        self.path_m += moved_m.reshape(self._count, -1).sum(axis=1)
+        self.bumps += (self._stopped & ~was_stopped).reshape(self._count, -1).sum(axis=1)
 
     def _meet(self) -> None:
         """Find who hears whom now, and whose bodies begin to overlap."""

@@ -1,4 +1,4 @@
-"""The three hot parts of the batch engine, in numpy and as loops that numba compiles.
+"""The hot parts of the batch engine, in numpy and as loops that numba compiles.
 
 Both ways do the same operations in the same order, so they give the same numbers, bit for bit.
 """
@@ -31,9 +31,10 @@ class Tools(NamedTuple):
     cast: Callable[..., Floats]
     meet: Callable[..., None]
     near: Callable[..., Rows]
-    slide: Callable[..., tuple[Floats, Bools]]
+    slide: Callable[..., tuple[Floats, Floats, Bools]]
     ground: Callable[[Case, int], Ground]
     planner: rows.Kernels
+    """What `explore.Planner` does for every row."""
 
 
 class Ground:
@@ -197,7 +198,7 @@ def _meet_all(
         peers_m[..., 1] = np.where(linked, east, np.nan)
 
 
-# From here on: the three of above as loops for numba, which cannot see the rest of the module.
+# From here on: those of above as loops for numba, which cannot see the rest of the module.
 
 
 def _cast(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from swarm_ctl.experiment.case import Bools, overlaps
@@ -22,16 +24,17 @@ def near_all(place_m: Floats, low: Corner, high: Corner, boxes: Floats, reach_m:
 
 def slide_all(
     last_m: Floats, wanted_m: Floats, low: Corner, high: Corner, boxes: Floats, half_m: float
-) -> tuple[Floats, Bools]:
+) -> tuple[Floats, Floats, Bools]:
     """Keep bodies inside and out of boxes; who would end in one slides along the side it hit.
 
-    Gives the places (n, 2), and who was stopped (n,).
+    Gives the places (n, 2), the paths to there (n,), and who was stopped (n,).
     """
     place_m: Floats = np.clip(wanted_m, np.add(low, half_m), np.subtract(high, half_m))
     if len(boxes):
         _slide_along(last_m, place_m, boxes, half_m)
+    moved = place_m - last_m
     stopped: Bools = (place_m[:, 0] != wanted_m[:, 0]) | (place_m[:, 1] != wanted_m[:, 1])
-    return place_m, stopped
+    return place_m, np.sqrt(np.einsum("nd,nd->n", moved, moved)), stopped
 
 
 def _slide_along(last_m: Floats, place_m: Floats, boxes: Floats, half_m: float) -> None:
@@ -69,9 +72,10 @@ def near(place_m: Floats, low: Corner, high: Corner, boxes: Floats, reach_m: flo
 
 def slide(
     last_m: Floats, wanted_m: Floats, low: Corner, high: Corner, boxes: Floats, half_m: float
-) -> tuple[Floats, Bools]:
+) -> tuple[Floats, Floats, Bools]:
     """Keep bodies inside and out of boxes, as `slide_all`."""
-    place_m, stopped = np.empty_like(wanted_m), np.empty(len(wanted_m), dtype=np.bool_)
+    place_m, moved_m = np.empty_like(wanted_m), np.empty(len(wanted_m))
+    stopped = np.empty(len(wanted_m), dtype=np.bool_)
     deep_m, sides = np.empty(4), np.empty(4)
     for i in range(len(wanted_m)):
         north = min(max(wanted_m[i, 0], low[0] + half_m), high[0] - half_m)
@@ -101,4 +105,6 @@ def slide(
                 ):
                     place_m[i, 0], place_m[i, 1] = last_m[i, 0], last_m[i, 1]
         stopped[i] = place_m[i, 0] != wanted_m[i, 0] or place_m[i, 1] != wanted_m[i, 1]
-    return place_m, stopped
+        north, east = place_m[i, 0] - last_m[i, 0], place_m[i, 1] - last_m[i, 1]
+        moved_m[i] = math.sqrt(north * north + east * east)
+    return place_m, moved_m, stopped
