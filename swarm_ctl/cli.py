@@ -1,11 +1,10 @@
-"""The command line: the only place that prints, exits and configures logging."""
+"""The command line: only here and in `cli_experiment.py` is printed and ended."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import logging
-import os
 import signal
 import sys
 import time
@@ -17,9 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import swarm_ctl
+from swarm_ctl.cli_experiment import INTERRUPTED, PipeConsole, experiment
 from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.flight import Faults, discard, finish
 from swarm_ctl.mission import Mission, load_mission, mission_schema
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     from swarm_ctl.experiment.arena import Arena
 
 REFRESH_S = 0.25
-BAD_INPUT, NOT_FLOWN, INTERRUPTED = 2, 1, 130
+BAD_INPUT, NOT_FLOWN = 2, 1
 
 app = typer.Typer(
     name="swarm-ctl",
@@ -127,7 +126,7 @@ def run(
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
     is_ours = out is None or not out.exists()
     folder = RunFolder.create(out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode)
-    console = _Console(highlight=False)
+    console = PipeConsole(highlight=False)
     began = time.monotonic()
     with _interrupts() as interrupts:
         try:
@@ -178,55 +177,13 @@ def check(
     )
 
 
-@app.command()
-def experiment(
-    file: Annotated[Path, typer.Argument(help="Experiment file (YAML).", show_default=False)],
-    trials: Annotated[
-        int | None, typer.Option(help="Trials of each cell; default: the file's.")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes that simulate; default: one per core.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed; default: the file's.")] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder of the results; one that was interrupted is gone on with."),
-    ] = None,
-) -> None:
-    """Simulate an experiment in batches and put its figures beside the paper's.
-
-    Ctrl-C keeps what is done; the same command goes on with it.
-    """
-    from swarm_ctl.experiment.report import result_lines  # noqa: PLC0415 - slow
-    from swarm_ctl.experiment.sweep import run_experiment  # noqa: PLC0415 - the same
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bar:
-        task = bar.add_task("trials", total=None)
-
-        def show(done: int, total: int, cell: str) -> None:
-            bar.update(task, completed=done, total=total, description=cell)
-
-        result = run_experiment(
-            file, trials=trials, workers=workers, seed=seed, out=out, progress=show
-        )
-    _Console(highlight=False).print(result_lines(result))
-    if result.is_interrupted:
-        raise typer.Exit(INTERRUPTED)
+app.command()(experiment)
 
 
 @app.command()
 def schema() -> None:
     """Print the JSON Schema of mission files, for editors."""
     typer.echo(json.dumps(mission_schema(), indent=2))
-
-
-class _Console(Console):
-    """Prints on while somebody reads; the flight does not depend on it."""
-
-    def on_broken_pipe(self) -> None:
-        self.quiet = True
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fly_udp(

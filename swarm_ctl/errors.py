@@ -23,6 +23,15 @@ class MockError(SwarmError):
     """A mock fleet that did not start or died."""
 
 
+class ClusterError(SwarmError):
+    """A cluster that does not answer or cannot compute."""
+
+    def __init__(self, address: str, reason: str) -> None:
+        self.address = address
+        self.reason = reason
+        super().__init__(f"--cluster {address}: {reason}")
+
+
 class PhaseError(SwarmError):
     """A phase change that is not in the table."""
 

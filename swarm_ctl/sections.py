@@ -123,6 +123,7 @@ _TYPES = {
     "bool": "true or false",
     "string": "text",
     "model": "a block of keys",
+    "dict": "a block of keys",
     "tuple": "a list",
     "is_instance_of": "the path of a file",
     "path": "the path of a file",

@@ -11,6 +11,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,35 +91,46 @@ def run_job(job: Job) -> list[Row]:
 
 
 def locally(workers: int) -> Compute:
-    """Compute in this process, or in several on this machine."""
+    """Compute in this process, or in several on this machine that end with the last job."""
 
-    def here(jobs: Sequence[Job]) -> Iterator[tuple[Job, list[Row]]]:
-        for job in jobs:
-            yield job, run_job(job)
+    def compute(jobs: Sequence[Job]) -> Iterator[tuple[Job, list[Row]]]:
+        with processes(workers) as these:
+            yield from these(jobs)
 
-    def beside(jobs: Sequence[Job]) -> Iterator[tuple[Job, list[Row]]]:
-        # spawn: a fork would copy whatever threads numpy and the caller have
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=_ignore_ctrl_c) as pool:
-            waiting: dict[Future[list[Row]], Job] = {pool.submit(run_job, j): j for j in jobs}
-            try:
-                while waiting:
-                    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                    for future in done:
-                        yield waiting.pop(future), future.result()
-            except KeyboardInterrupt:
-                pool.shutdown(wait=True, cancel_futures=True)
-                for future, job in waiting.items():
-                    if not future.cancelled() and future.exception() is None:
-                        yield job, future.result()
-                raise
-            except BrokenProcessPool:
-                reason = "a worker process was killed; the same command continues"
-                raise SwarmError(reason) from None
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+    return compute
 
-    return here if workers == 1 else beside
+
+@contextmanager
+def processes(workers: int) -> Iterator[Compute]:
+    """Compute in this process, or in several on this machine that live as long as the block."""
+    if workers == 1:
+        yield lambda jobs: ((job, run_job(job)) for job in jobs)
+        return
+    # spawn: a fork would copy whatever threads numpy and the caller have
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_ignore_ctrl_c)
+    try:
+        yield lambda jobs: _through(pool, jobs)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _through(pool: ProcessPoolExecutor, jobs: Sequence[Job]) -> Iterator[tuple[Job, list[Row]]]:
+    waiting: dict[Future[list[Row]], Job] = {pool.submit(run_job, job): job for job in jobs}
+    try:
+        while waiting:
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield waiting.pop(future), future.result()
+    except KeyboardInterrupt:
+        pool.shutdown(wait=True, cancel_futures=True)
+        for future, job in waiting.items():
+            if not future.cancelled() and future.exception() is None:
+                yield job, future.result()
+        raise
+    except BrokenProcessPool:
+        reason = "a worker process was killed; the same command continues"
+        raise SwarmError(reason) from None
 
 
 def run_experiment(
@@ -142,7 +154,7 @@ def run_experiment(
         raise MissionError(path, "workers", f"must be at least 1, not {workers}")
     name = f"{experiment.name}-{experiment.trials}-{experiment.seed}"
     folder = _Folder(out or Path("runs") / name, path, experiment)
-    jobs = _jobs(path, experiment)
+    jobs = jobs_of(path, experiment)
     missing = [job for job in jobs if job.file_name not in folder.done]
     compute = compute or locally(min(workers or os.cpu_count() or 1, max(1, len(missing))))
     count, total = sum(j.count for j in jobs) - sum(j.count for j in missing), _total(jobs)
@@ -158,7 +170,8 @@ def run_experiment(
     return _finish(folder, experiment, jobs, is_interrupted=is_interrupted)
 
 
-def _jobs(path: Path, experiment: Experiment) -> list[Job]:
+def jobs_of(path: Path, experiment: Experiment) -> list[Job]:
+    """Cut an experiment into jobs, in the order of its file."""
     return [
         Job(cell, case, experiment.seed, index, first, min(CHUNK, experiment.trials - first))
         for index, cell in enumerate(experiment.cells)
@@ -191,9 +204,9 @@ def _finish(
         for trial, row in enumerate(these)
     ]
     if not is_interrupted:
-        _write(folder.path / TRIALS_CSV, _csv(("cell", "trial", *COLUMNS), lines))
-        _write(folder.path / CELLS_CSV, _csv(*result.table()))
-        _write(folder.path / SUMMARY, json.dumps(result.dump(), indent=2) + "\n")
+        write_whole(folder.path / TRIALS_CSV, as_csv(("cell", "trial", *COLUMNS), lines))
+        write_whole(folder.path / CELLS_CSV, as_csv(*result.table()))
+        write_whole(folder.path / SUMMARY, json.dumps(result.dump(), indent=2) + "\n")
         if experiment.pictures:
             cases = {job.cell.name: job.case for job in jobs}
             result = result.with_notes(draw_pictures(result, cases))
@@ -214,13 +227,13 @@ class _Folder:
 
     def __init__(self, path: Path, source: Path, experiment: Experiment) -> None:
         self.path = path
-        spec = _spec(experiment)
+        spec = spec_of(experiment)
         try:
             (path / CHUNKS).mkdir(parents=True, exist_ok=True)
             if (path / SPEC).exists():
                 _refuse_another(path, source, spec)
             else:
-                _write(path / SPEC, json.dumps(spec, indent=2) + "\n")
+                write_whole(path / SPEC, json.dumps(spec, indent=2) + "\n")
         except OSError as error:
             reason = f"{path}: cannot keep the results: {error.strerror or error}"
             raise MissionError(source, "", reason) from None
@@ -228,7 +241,7 @@ class _Folder:
 
     def keep(self, job: Job, rows: list[Row]) -> None:
         """Write a finished job, all of it or nothing."""
-        _write(self.path / CHUNKS / job.file_name, json.dumps(rows) + "\n")
+        write_whole(self.path / CHUNKS / job.file_name, json.dumps(rows) + "\n")
         self.done.add(job.file_name)
 
     def read(self, job: Job) -> list[Row]:
@@ -237,7 +250,7 @@ class _Folder:
         return [tuple(row) for row in json.loads(text)]
 
 
-def _spec(experiment: Experiment) -> dict[str, Any]:
+def spec_of(experiment: Experiment) -> dict[str, Any]:
     """Give what decides on the results: the cells, with the worlds' text, trials and seed."""
     spec = experiment.model_dump(mode="json", exclude={"description", "pictures"})
     worlds = {str(cell.world): cell.world.read_text(encoding="utf-8") for cell in experiment.cells}
@@ -255,12 +268,12 @@ def _refuse_another(path: Path, source: Path, spec: dict[str, Any]) -> None:
     except ValueError:
         kept = None
     if kept != spec:
-        key = _difference(kept, spec)
+        key = difference(kept, spec)
         reason = f"{path} holds another experiment (its {key} differs); name a new folder"
         raise MissionError(source, "out", reason)
 
 
-def _difference(kept: Any, given: Any, key: str = "") -> str:
+def difference(kept: Any, given: Any, key: str = "") -> str:
     """Name the first key that differs."""
     if isinstance(kept, dict) and isinstance(given, dict) and kept.keys() == given.keys():
         pairs = [(name, kept[name], given[name]) for name in given]
@@ -269,10 +282,10 @@ def _difference(kept: Any, given: Any, key: str = "") -> str:
     else:
         return key or SPEC
     name, one, other = next(pair for pair in pairs if pair[1] != pair[2])
-    return _difference(one, other, f"{key}.{name}" if key else name)
+    return difference(one, other, f"{key}.{name}" if key else name)
 
 
-def _csv(header: Sequence[str], lines: Sequence[Sequence[Any]]) -> str:
+def as_csv(header: Sequence[str], lines: Sequence[Sequence[Any]]) -> str:
     """Write lines; floats in their shortest exact form, so that equal numbers are equal bytes."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -281,7 +294,7 @@ def _csv(header: Sequence[str], lines: Sequence[Sequence[Any]]) -> str:
     return text.getvalue()
 
 
-def _write(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str) -> None:
     """Replace a file as a whole."""
     half = path.with_name(path.name + ".tmp")
     half.write_text(text, encoding="utf-8")

@@ -1,0 +1,103 @@
+"""The commands that simulate in batches: `experiment`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from swarm_ctl.errors import SwarmError
+
+INTERRUPTED = 130
+
+ExperimentFile = Annotated[
+    Path, typer.Argument(help="Experiment file (YAML).", show_default=False, metavar="FILE")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed; default: the file's.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Folder of the results; one that was interrupted is gone on with."),
+]
+
+
+class PipeConsole(Console):
+    """Prints on while somebody reads; the work does not depend on it."""
+
+    def on_broken_pipe(self) -> None:
+        """Say no more."""
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def experiment(
+    file: ExperimentFile,
+    trials: Annotated[
+        int | None, typer.Option(help="Trials of each cell; default: the file's.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes that simulate; default: one per core.")
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Simulate on the workers of a Dask scheduler, as tcp://10.0.0.5:8786."),
+    ] = None,
+    seed: Seed = None,
+    out: Out = None,
+) -> None:
+    """Simulate an experiment in batches and put its figures beside the paper's.
+
+    Ctrl-C keeps what is done; the same command goes on with it.
+    """
+    from swarm_ctl.experiment.report import result_lines  # noqa: PLC0415 - slow
+    from swarm_ctl.experiment.sweep import run_experiment  # noqa: PLC0415 - the same
+
+    if cluster is not None and workers is not None:
+        raise SwarmError("--workers are processes of this machine; a --cluster has its own")
+    with ExitStack() as stack:
+        compute = None
+        if cluster is not None:
+            with _extra("cluster", "distributed"):
+                from swarm_ctl.experiment.cluster import on_cluster  # noqa: PLC0415 - an extra
+            compute = stack.enter_context(on_cluster(cluster))
+        result = run_experiment(
+            file,
+            trials=trials,
+            workers=workers,
+            seed=seed,
+            out=out,
+            progress=stack.enter_context(_bar()),
+            compute=compute,
+        )
+    PipeConsole(highlight=False).print(result_lines(result))
+    if result.is_interrupted:
+        raise typer.Exit(INTERRUPTED)
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[int, int, str], None]]:
+    """Show a bar; gives what is called with trials done, trials in all and a few words."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bar:
+        task = bar.add_task("trials", total=None)
+        yield lambda done, total, words: bar.update(
+            task, completed=done, total=total, description=words
+        )
+
+
+@contextmanager
+def _extra(name: str, package: str) -> Iterator[None]:
+    """Say how to install an extra whose package is missing."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name != package:
+            raise
+        reason = f"this needs {package}, which is missing: pip install 'swarm-ctl[{name}]'"
+        raise SwarmError(reason) from None
