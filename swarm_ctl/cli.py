@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 
 import swarm_ctl
-from swarm_ctl.cli_experiment import INTERRUPTED, PipeConsole, experiment
+from swarm_ctl.cli_experiment import INTERRUPTED, PipeConsole, experiment, tune
 from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.flight import Faults, discard, finish
 from swarm_ctl.mission import Mission, load_mission, mission_schema
@@ -178,6 +178,7 @@ def check(
 
 
 app.command()(experiment)
+app.command()(tune)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""The commands that simulate in batches: `experiment`."""
+"""The commands that simulate in batches: `experiment` and `tune`."""
 
 from __future__ import annotations
 
@@ -76,6 +76,47 @@ def experiment(
             compute=compute,
         )
     PipeConsole(highlight=False).print(result_lines(result))
+    if result.is_interrupted:
+        raise typer.Exit(INTERRUPTED)
+
+
+def tune(
+    file: ExperimentFile,
+    trials: Annotated[
+        int, typer.Option(help="Trials of the study, with those it has.", min=1)
+    ] = 100,
+    workers: Annotated[
+        int, typer.Option(help="Trials at a time, each in a process of its own.", min=1)
+    ] = 1,
+    storage: Annotated[
+        str | None,
+        typer.Option(help="Where the study is kept, an Optuna URL; default: study.db in --out."),
+    ] = None,
+    seed: Seed = None,
+    out: Out = None,
+) -> None:
+    """Search better planner parameters: those under `tune` in an experiment file.
+
+    Ctrl-C keeps what is done; the same command goes on with it. The winner is measured again on a
+    seed that the study has not seen.
+    """
+    with _extra("tune", "optuna"):
+        from swarm_ctl.experiment.tune import tune_experiment  # noqa: PLC0415 - an extra
+    from swarm_ctl.experiment.sweep import processes  # noqa: PLC0415 - slow
+    from swarm_ctl.experiment.tuned import tuned_lines  # noqa: PLC0415 - the same
+
+    with processes(workers) as compute, _bar() as progress:
+        result = tune_experiment(
+            file,
+            trials=trials,
+            compute=compute,
+            workers=workers,
+            seed=seed,
+            storage=storage,
+            out=out,
+            progress=progress,
+        )
+    PipeConsole(highlight=False).print(tuned_lines(result))
     if result.is_interrupted:
         raise typer.Exit(INTERRUPTED)
 

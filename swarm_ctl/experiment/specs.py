@@ -117,6 +117,8 @@ class Experiment(Section):
     """Whether to draw the paths of a typical trial of each cell."""
     cells: Annotated[tuple[Cell, ...], Field(strict=False, min_length=1)]
     """The configurations, in the order of the table."""
+    tune: Any = None
+    """What `swarm-ctl tune` searches, and checks (`space.py`)."""
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:

@@ -252,7 +252,7 @@ class _Folder:
 
 def spec_of(experiment: Experiment) -> dict[str, Any]:
     """Give what decides on the results: the cells, with the worlds' text, trials and seed."""
-    spec = experiment.model_dump(mode="json", exclude={"description", "pictures"})
+    spec = experiment.model_dump(mode="json", exclude={"description", "pictures", "tune"})
     worlds = {str(cell.world): cell.world.read_text(encoding="utf-8") for cell in experiment.cells}
     texts = [worlds.pop(world) for world in sorted(worlds)]
     for cell in spec["cells"]:
