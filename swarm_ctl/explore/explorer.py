@@ -11,7 +11,7 @@ import numpy as np
 from swarm_ctl.explore import kernels
 from swarm_ctl.explore.avoidance import Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
-from swarm_ctl.explore.frontier import find_way, find_way_to
+from swarm_ctl.explore.frontier import NOBODY, Others, find_way, find_way_to
 from swarm_ctl.explore.memory import VisitedMap, three
 from swarm_ctl.explore.planner import SLOW, Plan, Planner, PlannerParams
 from swarm_ctl.explore.pso import limit_motion, next_motion
@@ -25,6 +25,10 @@ SEGMENT_M = 3.0
 """Longest straight line of a log: what is not in the log yet cannot be told."""
 JUMP_M = 3.0
 """A position farther than this from the last one is a new beginning, not a way flown."""
+CLAIM_S = 60.0
+"""The strip that a peer in contact is going to fly counts as seen for so long."""
+FRESH_S = 20.0
+"""A peer is taken to be where it was last seen for so long, when frontiers are shared out."""
 _ROW: Rows = np.zeros(1, dtype=np.intp)
 
 
@@ -65,6 +69,7 @@ class Explorer:
         window = math.ceil(params.stall_time_s / params.period_s - 1e-9)
         self._stall = StallWatch(1, window, params.stall_distance_m)
         self._swath = Swath(params)
+        self._gap_cells = max(0, int(2.0 * params.clearance_m / params.cell_m + 1e-9) - 1)
         self._peers: dict[int, list[float]] = {}
         self._now = 0.0
         self._place: list[float] = []
@@ -321,7 +326,8 @@ class Explorer:
         """Choose the next local best: the best candidate step, or the way to a frontier."""
         params, swath = self.params, self._swath
         directions, sides, lengths_m = swath.candidates(self._chance)
-        rated = swath.rate(self.memory, place, directions, sides, lengths_m)
+        with self.memory.supposed(self._claims()):
+            rated = swath.rate(self.memory, place, directions, sides, lengths_m)
         best = int(np.argmax(self._scores(place, directions, rated)))
         new, _, last, free = rated[best]
         full = swath.inner * last / swath.pitch
@@ -335,6 +341,15 @@ class Explorer:
                 self._roam(place, directions, rated)
                 return
         self._head_for(place, directions[best], last * params.cell_m, free * params.cell_m)
+
+    def _claims(self) -> list[tuple[list[float], list[float]]]:
+        """Give the strips that peers were going to fly when last heard: from where to where."""
+        d = self._d
+        return [
+            (seen[1 : 1 + d], seen[4 : 4 + d])
+            for seen in self._peers.values()
+            if seen[7] and self._now - seen[0] < CLAIM_S
+        ]
 
     def _scores(self, place: list[float], directions: Floats, rated: Floats) -> Floats:
         params, swath = self.params, self._swath
@@ -366,13 +381,15 @@ class Explorer:
     def _pull(self, place: list[float]) -> bool:
         """Follow the shortest known way to the nearest frontier; False when there is none."""
         params = self.params
-        taken = [
-            seen[4 : 4 + self._d]
-            for seen in self._peers.values()
-            if seen[7] and self._now - seen[0] < 3.0 * params.memory_s
-        ]
+        seen, d = list(self._peers.values()), self._d
+        memory_s = 3.0 * params.memory_s
+        others = Others(
+            [peer[1 : 1 + d] for peer in seen if self._now - peer[0] < FRESH_S],
+            [peer[4 : 4 + d] for peer in seen if peer[7] and self._now - peer[0] < memory_s],
+            params.target_exclusion_m,
+        )
         self.searches += 1
-        corners = find_way(self.memory, place, taken, params.target_exclusion_m)
+        corners = find_way(self.memory, place, others, self._gap_cells)
         if not corners:
             return False
         self._goal = corners[-1]
@@ -439,7 +456,7 @@ def warm_up(params: PlannerParams) -> None:
         explorer.observe_hits(wall)
         explorer.decide()
     explorer.way_to([0.9] * d, [0.0] * d)
-    find_way(explorer.memory, [0.9] * d, [], 0.0)
+    find_way(explorer.memory, [0.9] * d, NOBODY, 1)
     kernels.unknown_within(explorer.memory.grid, 0, 0, 0, 1)
 
 

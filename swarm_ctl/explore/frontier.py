@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,30 +13,48 @@ from swarm_ctl.explore import kernels
 from swarm_ctl.explore.chance import Floats
 from swarm_ctl.explore.memory import BLOCKED, KNOWN, NEAR_WALL, TRODDEN, VISITED, WALL, VisitedMap
 
+Cells = NDArray[np.uint8]
+
 LEAST_UNKNOWN = 2
 """Unknown neighbours that make a cell a frontier (ALGORITHM 2.6: K = 2)."""
+SLIVER_CELLS = 6
+"""Fewer unknown cells that hang together are a sliver: not worth a way while there is more."""
+NEAR_STEPS = 5
+"""Steps of the search within which a sliver is as good as any: it is on the way."""
+POCKET_CELLS = 80
+"""Fewer unknown cells that hang together are work for one: who is there first has them."""
 CORNERS_AHEAD = 60
 """Cells along a way over which a straight line is tried."""
 
 
-def find_way(
-    memory: VisitedMap,
-    position_m: Sequence[float],
-    taken_m: Sequence[Sequence[float]],
-    exclusion_m: float,
-) -> list[list[float]]:
-    """Give the corners of the shortest way to the nearest frontier; empty when there is none.
+class Others(NamedTuple):
+    """What is known of the peers, in metres in the vehicle's own frame."""
 
-    The last corner lies among the unknown cells beyond the frontier. A frontier closer than
-    `exclusion_m` to one of `taken_m` is left to others as long as there is another one.
+    places_m: Sequence[Sequence[float]]
+    """Where peers were a short while ago."""
+    targets_m: Sequence[Sequence[float]]
+    """Where peers are going."""
+    exclusion_m: float
+    """A frontier closer than this to a target is left to that peer while there is another one."""
+
+
+NOBODY = Others((), (), 0.0)
+
+
+def find_way(
+    memory: VisitedMap, position_m: Sequence[float], others: Others, gap_cells: int
+) -> list[list[float]]:
+    """Give the corners of the shortest way to the best frontier; empty when there is none.
+
+    The last corner lies among the unknown cells beyond the frontier. The best frontier is the one
+    to which the fewest peers are closer, then the nearest; slivers come after all others, and
+    pockets that a peer is after last. Gaps in walls of up to `gap_cells` are no frontiers.
     """
     padded = np.pad(memory.grid, 1)
-    frontier = _frontier(padded, memory.dimensions)
-    taken = [memory.cells(point) + 1.0 for point in taken_m]
-    if taken:
-        near = _near(padded.shape, taken, exclusion_m / memory.cell_m, memory.dimensions)
-        frontier[near] *= 2
-    corners = _corners(memory, position_m, padded, frontier)
+    unknown = _unknown(padded, memory.dimensions, gap_cells)
+    ranks = _frontier(unknown, memory.dimensions)
+    _rank(ranks, unknown, memory, position_m, others)
+    corners = _corners(memory, position_m, padded, ranks, unknown)
     if corners:
         corners.append(_beyond(memory, corners[-1]))
     return [memory.metres(corner) for corner in corners]
@@ -51,17 +70,18 @@ def find_way_to(
     if (index < 1).any() or (index >= np.array(padded.shape) - 1).any():
         return []
     goal[tuple(index)] = 1
-    corners = [memory.metres(corner) for corner in _corners(memory, position_m, padded, goal)]
+    corners = [memory.metres(corner) for corner in _corners(memory, position_m, padded, goal, goal)]
     return [*corners[:-1], [float(value) for value in goal_m]] if corners else []
 
 
 def _corners(
     memory: VisitedMap,
     position_m: Sequence[float],
-    padded: NDArray[np.uint8],
-    wanted: NDArray[np.uint8],
+    padded: Cells,
+    ranks: Cells,
+    unknown: Cells,
 ) -> list[Floats]:
-    """Give the corners, in cells, of the shortest way to the nearest cell that is wanted."""
+    """Give the corners, in cells, of the shortest way to the cell of the best rank."""
     place = memory.cells(position_m)
     index = np.floor(place).astype(int)
     if (index < 0).any() or (index >= memory.grid.shape).any():
@@ -71,7 +91,7 @@ def _corners(
     free &= padded & BLOCKED == 0
     leaves = (padded & VISITED != 0) & (padded & (WALL | BLOCKED) == 0)
     start = int(np.ravel_multi_index(tuple(index + 1), padded.shape))
-    came_from, goal = _flood(free, leaves, wanted, _offsets(padded.shape), start)
+    came_from, goal = _flood(free, leaves, ranks, unknown, _offsets(padded.shape), start)
     if goal < 0:
         return []
     cells = [goal]
@@ -85,7 +105,8 @@ def _corners(
 def _flood(
     free: NDArray[np.bool_],
     leaves: NDArray[np.bool_],
-    frontier: NDArray[np.uint8],
+    ranks: Cells,
+    unknown: Cells,
     offsets: list[int],
     start: int,
 ) -> tuple[Sequence[int] | NDArray[np.int32], int]:
@@ -93,29 +114,98 @@ def _flood(
     size = free.size
     if kernels.IS_COMPILED:
         came_from = np.full(size, -1, dtype=np.int32)
-        arrays = (free.reshape(-1), leaves.reshape(-1), frontier.reshape(-1))
-        scratch = np.empty(size, dtype=np.int32)
-        return came_from, kernels.flood(*arrays, np.array(offsets), start, came_from, scratch)
-    places = [-1] * size
-    goal = kernels.flood(
-        free.tobytes(), leaves.tobytes(), frontier.tobytes(), offsets, start, places, [0] * size
-    )
+        a, b, c, d = (cells.reshape(-1) for cells in (free, leaves, ranks, unknown))
+        queue, pocket = np.empty(size, dtype=np.int32), np.empty(SLIVER_CELLS, dtype=np.int64)
+        ways = np.array(offsets)
+        goal = kernels.flood(a, b, c, d, ways, start, NEAR_STEPS, came_from, queue, pocket)
+        return came_from, goal
+    places, queue_, pocket_ = [-1] * size, [0] * size, [0] * SLIVER_CELLS
+    e, f, g, h = (cells.tobytes() for cells in (free, leaves, ranks, unknown))
+    goal = kernels.flood(e, f, g, h, offsets, start, NEAR_STEPS, places, queue_, pocket_)
     return places, goal
 
 
-def _frontier(padded: NDArray[np.uint8], dimensions: int) -> NDArray[np.uint8]:
-    """Mark cells with enough unknown neighbours (what lies outside of the map is unknown)."""
-    unknown = (padded & KNOWN == 0).astype(np.uint8)
+def _unknown(padded: Cells, dimensions: int, gap_cells: int) -> Cells:
+    """Mark unknown cells, BORDER at the edge; a gap in a wall that is too narrow is none."""
+    unknown: Cells = (padded & KNOWN == 0).astype(np.uint8)
+    wall = padded & WALL != 0
     for axis in range(dimensions):
-        total = unknown.copy()
+        along, cells = np.moveaxis(wall, axis, 0), np.moveaxis(unknown, axis, 0)
+        for gap in range(1, gap_cells + 1):
+            posts = along[: -gap - 1] & along[gap + 1 :]
+            for part in range(1, gap + 1):
+                cells[part : part + len(posts)][posts] = 0
+    for axis in range(dimensions):
+        edges = np.moveaxis(unknown, axis, 0)
+        edges[0] = edges[-1] = kernels.BORDER
+    return unknown
+
+
+def _frontier(unknown: Cells, dimensions: int) -> Cells:
+    """Mark cells with enough unknown neighbours (what lies outside of the map is unknown)."""
+    count = (unknown > 0).astype(np.uint8)
+    for axis in range(dimensions):
+        total = count.copy()
         ahead = [slice(None)] * 3
         behind = [slice(None)] * 3
         ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
-        total[tuple(ahead)] += unknown[tuple(behind)]
-        total[tuple(behind)] += unknown[tuple(ahead)]
-        unknown = total
-    frontier: NDArray[np.uint8] = (unknown >= LEAST_UNKNOWN).astype(np.uint8)
+        total[tuple(ahead)] += count[tuple(behind)]
+        total[tuple(behind)] += count[tuple(ahead)]
+        count = total
+    frontier: Cells = (count >= LEAST_UNKNOWN).astype(np.uint8)
     return frontier
+
+
+def _rank(
+    ranks: Cells,
+    unknown: Cells,
+    memory: VisitedMap,
+    position_m: Sequence[float],
+    others: Others,
+) -> None:
+    """Rank frontiers, 1 is best: one behind another by how many peers are closer to it."""
+    if others.places_m:
+        at = np.argwhere(ranks)
+        own = _far2(at, memory.cells(position_m))
+        closer = sum(_far2(at, memory.cells(place)) < own for place in others.places_m)
+        ranks[tuple(at.T)] += np.minimum(closer, kernels.SLIVER - 3).astype(np.uint8)
+    offsets = np.array(_offsets(ranks.shape))
+    row = ranks.reshape(-1)
+    open_, claimed = [], []
+    for target in others.targets_m:
+        cells = memory.cells(target) + 1.0
+        pocket = _pocket(unknown, cells, offsets)
+        if pocket is None:
+            open_.append(cells)
+        else:
+            claimed.append(pocket)
+    if open_:
+        near = _near(ranks.shape, open_, others.exclusion_m / memory.cell_m, memory.dimensions)
+        ranks[near & (ranks > 0)] += 1
+    for pocket in claimed:
+        rim = (pocket[:, None] + offsets).ravel()
+        row[rim[row[rim] > 0]] = kernels.SLIVER + 1
+
+
+def _far2(at: NDArray[np.intp], place: Floats) -> Floats:
+    """Squared distances of padded cells (n, 3) from a place in cells (3,)."""
+    far2: Floats = ((at - (place + 0.5)) ** 2).sum(axis=1)
+    return far2
+
+
+def _pocket(unknown: Cells, place: Floats, offsets: NDArray[np.int_]) -> NDArray[np.int64] | None:
+    """Give the pocket of unknown cells around a place; None where it is open ground."""
+    index = np.floor(place).astype(int)
+    if (index < 1).any() or (index >= np.array(unknown.shape) - 1).any():
+        return None
+    cell = int(np.ravel_multi_index(tuple(index), unknown.shape))
+    if kernels.IS_COMPILED:
+        pocket = np.empty(POCKET_CELLS, dtype=np.int64)
+        size = kernels.fill(unknown.reshape(-1), offsets, cell, pocket)
+        return pocket[:size] if size < POCKET_CELLS else None
+    cells = [0] * POCKET_CELLS
+    size = kernels.fill(unknown.tobytes(), offsets.tolist(), cell, cells)
+    return np.array(cells[:size], dtype=np.int64) if size < POCKET_CELLS else None
 
 
 def _near(

@@ -34,6 +34,10 @@ NEAR_WALL = 16
 BLOCKED = 32
 """A vehicle was held up on its way into the cell, whatever the map says."""
 KNOWN = VISITED | WALL | GIVEN_UP
+SLIVER = 100
+"""Rank of a frontier with little behind it: whatever else there is comes first."""
+BORDER = 2
+"""Says of an unknown cell that it is at the border of the map."""
 TOLERANCE = 1e-9
 """Of a cell's centre on the very edge of a footprint, in cells."""
 
@@ -219,39 +223,85 @@ def unknown_within(grid: Grid, i: int, j: int, k: int, reach: int) -> int:
 def flood(
     free: Cells,
     leaves: Cells,
-    frontier: Cells,
+    ranks: Cells,
+    unknown: Cells,
     offsets: Any,
     start: int,
+    near_steps: int,
     came_from: Any,
     queue: Any,
+    pocket: Any,
 ) -> int:
-    """Search breadth first from `start` for the nearest free cell at a frontier.
+    """Search breadth first from `start` for the nearest free cell of the lowest rank.
 
     All cells lie in one row, with a border that is neither free nor to be entered, so that
     `offsets` lead to the neighbours. `leaves` are cells that one may cross who is not on free
-    ground. `frontier`: 0 none, 1 one, 2 one that others are after. Gives the first 1, else the
-    first 2, else -1. `came_from`, all -1 before, gets the way back; `queue` is scratch.
+    ground. `ranks` of cells at a frontier; 0: none. A frontier farther than `near_steps` with no
+    more than a pocket of `unknown` cells behind it, see `fill`, has rank SLIVER at least.
+    Gives -1 when there is none. `came_from`, all -1 before, gets the way back; `queue` and
+    `pocket` are scratch.
     """
-    first = -1
+    best, best_rank = -1, 256
     came_from[start] = start
     queue[0] = start
-    head, tail = 0, 1
+    head, tail, steps, level = 0, 1, 0, 1
     while head < tail:
+        if head == level:
+            steps, level = steps + 1, tail
         cell = queue[head]
         head += 1
         is_free = free[cell]
-        if is_free and frontier[cell]:
-            if frontier[cell] == 1:
+        rank = int(ranks[cell])
+        if is_free and 0 < rank < best_rank:
+            if (
+                rank < SLIVER
+                and steps > near_steps
+                and fill(unknown, offsets, cell, pocket) < len(pocket)
+            ):
+                rank = SLIVER
+            if rank < best_rank:
+                best, best_rank = cell, rank
+            if rank == 1:
                 return int(cell)
-            if first < 0:
-                first = cell
         for offset in offsets:
             near = cell + offset
             if came_from[near] < 0 and (free[near] or (not is_free and leaves[near])):
                 came_from[near] = cell
                 queue[tail] = near
                 tail += 1
-    return int(first)
+    return int(best)
+
+
+@compiled
+def fill(unknown: Cells, offsets: Any, cell: int, pocket: Any) -> int:
+    """Collect the unknown cells that hang together around a cell; tell how many, at most all.
+
+    `pocket` gets them, and its length is the most that is counted. `unknown` is BORDER at the
+    border of the map: what reaches it fills any pocket.
+    """
+    most = len(pocket)
+    count, done, at = 0, 0, cell
+    while True:
+        for offset in offsets:
+            near = at + offset
+            if not unknown[near]:
+                continue
+            if unknown[near] == BORDER:
+                return most
+            is_new = True
+            for n in range(count):
+                if pocket[n] == near:
+                    is_new = False
+                    break
+            if is_new:
+                pocket[count] = near
+                count += 1
+                if count == most:
+                    return most
+        if done == count:
+            return count
+        at = pocket[done]
+        done += 1
 
 
 @compiled

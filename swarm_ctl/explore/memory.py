@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,24 @@ class VisitedMap:
             kernels.paint(self.grid, start, end, self._half, self._is_square)
         else:
             _paint(self.grid, start, end, self._half, is_square=self._is_square)
+
+    @contextmanager
+    def supposed(
+        self, segments_m: Sequence[tuple[Sequence[float], Sequence[float]]]
+    ) -> Iterator[None]:
+        """Take straight segments for swept, but only for a while."""
+        for segment in segments_m:
+            for place in map(self.cells, segment):
+                self._reserve(place, place, self._half + 1.0)
+        grid = self.grid
+        if segments_m:
+            self.grid = grid.copy()
+        for start_m, end_m in segments_m:
+            self.sweep(start_m, end_m)
+        try:
+            yield
+        finally:
+            self.grid = grid
 
     def wall(self, point_m: Sequence[float] | Floats, axis: int = 0) -> bool:
         """Mark a wall at a point; tell whether that was new.

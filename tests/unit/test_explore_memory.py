@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.explore import kernels, memory, swath
-from swarm_ctl.explore.frontier import find_way, find_way_to
+from swarm_ctl.explore.frontier import NOBODY, Others, find_way, find_way_to
 from swarm_ctl.explore.memory import NEAR_WALL, TRODDEN, VISITED, WALL, VisitedMap
 
 PLACE = st.floats(-4.0, 4.0).map(lambda value: round(value, 3) + 0.0007)
@@ -121,7 +121,7 @@ def test_a_way_back_leads_over_known_ground_and_ends_where_it_should() -> None:
 
 def test_a_way_leads_around_the_wall_and_through_the_door() -> None:
     world = room_with_a_door()
-    way = find_way(world, [0.5, 0.5], [], 0.0)
+    way = find_way(world, [0.5, 0.5], NOBODY, 0)
     assert way
     assert way[-1][0] > 2.9
     last = [0.5, 0.5]
@@ -136,11 +136,72 @@ def test_a_way_leads_around_the_wall_and_through_the_door() -> None:
 def test_a_frontier_near_somebody_elses_target_is_left_to_it() -> None:
     world = flat_map()
     world.sweep([0.0, 0.0], [6.0, 0.0])
-    alone = find_way(world, [3.0, 0.0], [], 0.0)[-1]
-    shared = find_way(world, [3.0, 0.0], [[3.0, 0.0]], 2.0)[-1]
+    alone = find_way(world, [3.0, 0.0], NOBODY, 0)[-1]
+    shared = find_way(world, [3.0, 0.0], Others((), [[3.0, 0.7]], 2.5), 0)[-1]
     assert math.dist(alone, [3.0, 0.0]) < 1.0
     assert math.dist(shared, [3.0, 0.0]) > 1.5
-    assert find_way(world, [3.0, 0.0], [[3.0, 0.0]], 50.0)
+    assert find_way(world, [3.0, 0.0], Others((), [[3.0, 0.7]], 50.0), 0)
+
+
+def room_with_islands(*islands: tuple[float, float, int], gap: int = 0) -> VisitedMap:
+    """A walled room of 12 m, seen but for `size` cells in a row at each (x, y); a gap in a wall."""
+    world = flat_map()
+    for step in range(121):
+        for side in (-6.1, 6.1):
+            world.wall([-6.1 + 0.1 * step + 0.05, side])
+            if side < 0.0 or not 0.0 <= -6.1 + 0.1 * step + 0.05 < 0.2 * gap:
+                world.wall([side, -6.1 + 0.1 * step + 0.05])
+    world.wall([6.1, 6.1])
+    i, j, _ = (int(cell) for cell in world.cells([-5.9, -5.9]))
+    world.grid[i : i + 60, j : j + 60, 0] |= kernels.VISITED
+    for x, y, size in islands:
+        i, j, _ = (int(cell) for cell in world.cells([x, y]))
+        world.grid[i : i + size, j, 0] = 0
+    return world
+
+
+def test_a_sliver_far_away_waits_for_larger_ground_farther_away() -> None:
+    world = room_with_islands((2.5, 0.1, 3), (-5.1, 0.1, 8))
+    assert find_way(world, [0.1, 0.1], NOBODY, 2)[-1][0] < 0.0
+    assert find_way(world, [1.9, 0.1], NOBODY, 2)[-1][0] > 0.0, "it is on the way"
+    assert find_way(room_with_islands((2.5, 0.1, 3)), [0.1, 0.1], NOBODY, 2)[-1][0] > 0.0
+
+
+def test_a_pocket_that_a_peer_is_after_comes_last() -> None:
+    world = room_with_islands((2.1, 0.1, 8), (-5.1, 0.1, 3))
+    assert find_way(world, [0.1, 0.1], NOBODY, 2)[-1][0] > 0.0
+    claimed = Others((), [[2.3, 0.1]], 0.0)
+    assert find_way(world, [0.1, 0.1], claimed, 2)[-1][0] < 0.0
+
+
+def test_who_has_peers_closer_to_a_frontier_takes_another_one() -> None:
+    world = room_with_islands((2.1, 0.1, 8), (-5.1, 0.1, 8))
+    assert find_way(world, [0.1, 0.1], NOBODY, 2)[-1][0] > 0.0
+    assert find_way(world, [0.1, 0.1], Others([[2.0, 0.1]], (), 0.0), 2)[-1][0] < 0.0
+    assert find_way(world, [0.1, 0.1], Others([[-4.0, 0.1], [2.0, 0.1]], (), 0.0), 2)[-1][0] > 0.0
+
+
+@pytest.mark.parametrize(("gap", "is_door"), [(2, False), (3, True)])
+def test_a_gap_too_narrow_for_a_body_is_no_frontier(gap: int, is_door: bool) -> None:
+    world = room_with_islands(gap=gap)
+    i, j, _ = (int(cell) for cell in world.cells([5.9, 0.1]))
+    world.grid[i, j : j + gap, 0] |= kernels.TRODDEN
+    assert find_way(world, [0.1, 0.1], NOBODY, 0)
+    assert bool(find_way(world, [0.1, 0.1], NOBODY, 2)) is is_door
+
+
+def test_what_is_supposed_to_be_swept_is_forgotten_again() -> None:
+    world = flat_map()
+    world.sweep([0.1, 0.1], [1.1, 0.1])
+    before = world.grid.copy()
+    with world.supposed([([0.1, 0.1], [1.1, 2.1])]):
+        assert world.flags([1.1, 2.1]) & kernels.KNOWN
+    assert not world.flags([1.1, 2.1])
+    assert (world.grid == before).all()
+    with world.supposed([([0.1, 0.1], [90.1, 0.1])]):
+        assert world.flags([50.1, 0.1]) & kernels.KNOWN, "the map grows for it"
+    assert world.flags([0.5, 0.1]) & kernels.KNOWN
+    assert not world.flags([50.1, 0.1])
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2]), st.sampled_from([2, 3]))
@@ -168,8 +229,8 @@ def test_no_frontier_gives_no_way() -> None:
     world = flat_map()
     world.sweep([0.1, 0.1], [0.1, 0.1])
     world.give_up([0.1, 0.1], 1.0)
-    assert find_way(world, [0.1, 0.1], [], 0.0) == []
-    assert find_way(world, [99.0, 0.1], [], 0.0) == []
+    assert find_way(world, [0.1, 0.1], NOBODY, 0) == []
+    assert find_way(world, [99.0, 0.1], NOBODY, 0) == []
 
 
 @pytest.mark.parametrize("turn", range(4))
