@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.experiment import walls
-from swarm_ctl.experiment.case import TINY, Bools, Case, Counts, overlaps
+from swarm_ctl.experiment import balls, walls
+from swarm_ctl.experiment.case import TINY, Bools, Case, Counts
+from swarm_ctl.experiment.room import Room
 from swarm_ctl.explore import rows
 from swarm_ctl.explore.chance import Floats, Rows
 
@@ -32,7 +33,7 @@ class Tools(NamedTuple):
     meet: Callable[..., None]
     near: Callable[..., Rows]
     slide: Callable[..., tuple[Floats, Floats, Bools]]
-    ground: Callable[[Case, int], Ground]
+    ground: Callable[[Case, Room, int], Ground]
     planner: rows.Kernels
     """What `explore.Planner` does for every row."""
 
@@ -40,23 +41,17 @@ class Tools(NamedTuple):
 class Ground:
     """Which cells have been under a body, trial by trial: a cell counts if its centre was."""
 
-    def __init__(self, case: Case, trials: int) -> None:
+    def __init__(self, case: Case, room: Room, trials: int) -> None:
         field, cell = case.field, case.field.cell_m
         self._origin_m = field.low_m
-        self._shape = (
-            math.ceil((field.high_m[0] - field.low_m[0]) / cell - 1e-9),
-            math.ceil((field.high_m[1] - field.low_m[1]) / cell - 1e-9),
+        self._size = tuple(
+            math.ceil((high - low) / cell - 1e-9)
+            for low, high in zip(field.low_m, field.high_m, strict=True)
         )
-        self._cell_m, self._half_m = cell, case.body_m / 2.0
+        self._shape = (math.prod(self._size[:-1]), self._size[-1])
+        self._cell_m, self._half_m = cell, case.reach_m
         self._is_disc = case.footprint == "disc"
-        north, east = (
-            low + (np.arange(count) + 0.5) * cell
-            for low, count in zip(field.low_m, self._shape, strict=True)
-        )
-        centres = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
-        boxes = np.array(field.boxes_m, dtype=np.float64).reshape(-1, 4)
-        blocked: Bools = overlaps(centres, boxes, 0.0).any(axis=1).reshape(self._shape)
-        self._free: Bools = np.logical_not(blocked)
+        self._free = room.coverable(self._size).reshape(self._shape)
         self._trials = trials
         self._clear()
 
@@ -67,20 +62,36 @@ class Ground:
         self._covered = np.zeros((self._trials, rows, columns), dtype=np.bool_)
 
     def mark(self, position_m: Floats) -> None:
-        """Put a body at (trials * robots, 2)."""
+        """Put a body at (trials * robots, d)."""
         self._waiting.append(position_m)
 
     def share(self) -> Floats:
         """Count the covered share of the free cells, (trials,)."""
-        places = np.stack(self._waiting).reshape(len(self._waiting), self._trials, -1, 2)
+        places = np.stack(self._waiting).reshape(
+            len(self._waiting), self._trials, -1, len(self._size)
+        )
         self._waiting = []
         for trial in range(self._trials):
-            self._covered[trial] |= self._under(places[:, trial].reshape(-1, 2))
+            self._covered[trial] |= self._under(places[:, trial].reshape(-1, places.shape[3]))
         counted: Counts = np.count_nonzero(self._covered & self._free, axis=(1, 2))
         return counted / np.count_nonzero(self._free)
 
     def _under(self, place_m: Floats) -> Bools:
-        """Tell which cells are under bodies at (m, 2): +1 where a run begins, -1 behind its end."""
+        """Tell which cells are under bodies at (m, d): +1 where a run begins, -1 behind its end."""
+        rows, columns = self._shape
+        row, begin, end = self._runs(place_m)
+        first = row * (columns + 1)
+        edges, size = np.zeros(rows * (columns + 1), dtype=np.intp), rows * (columns + 1)
+        edges += np.bincount((first + begin).astype(np.intp).ravel(), minlength=size)
+        edges -= np.bincount(
+            (first + np.maximum(begin, end)).astype(np.intp).ravel(), minlength=size
+        )
+        return edges.reshape(rows, columns + 1).cumsum(axis=1)[:, :-1] > 0
+
+    def _runs(self, place_m: Floats) -> tuple[Floats, Floats, Floats]:
+        """Give the row of each run of cells under bodies, where it begins and where it ends."""
+        if len(self._size) == 3:
+            return balls.runs(place_m, self._origin_m, self._cell_m, self._half_m, self._size)
         rows, columns = self._shape
         cell, half = self._cell_m, self._half_m
         north, east = (place_m - self._origin_m).T[:, :, None]
@@ -91,13 +102,7 @@ class Ground:
             half = np.sqrt(np.maximum(half * half - ((row + 0.5) * cell - north) ** 2, 0.0))
         begin = np.maximum(np.ceil((east - half) / cell - 0.5), 0.0)
         end = np.minimum(np.floor((east + half) / cell - 0.5) + 1.0, columns)
-        first = row * (columns + 1)
-        edges, size = np.zeros(rows * (columns + 1), dtype=np.intp), rows * (columns + 1)
-        edges += np.bincount((first + begin).astype(np.intp).ravel(), minlength=size)
-        edges -= np.bincount(
-            (first + np.maximum(begin, end)).astype(np.intp).ravel(), minlength=size
-        )
-        return edges.reshape(rows, columns + 1).cumsum(axis=1)[:, :-1] > 0
+        return row, begin, end
 
 
 class CompiledGround(Ground):
@@ -113,7 +118,13 @@ class CompiledGround(Ground):
         self._bits = np.zeros((self._trials, rows, words), dtype=np.uint64)
 
     def mark(self, position_m: Floats) -> None:
-        """Put a body at (trials * robots, 2)."""
+        """Put a body at (trials * robots, d)."""
+        if len(self._size) == 3:
+            place_m = position_m.reshape(self._trials, -1, 3)
+            _jit(balls.mark)(
+                place_m, self._origin_m, self._cell_m, self._half_m, self._size, self._bits
+            )
+            return
         _jit(_mark)(
             position_m.reshape(self._trials, -1, 2),
             self._origin_m,
@@ -153,49 +164,56 @@ def _cast_all(
     place_m: Floats,
     cos: Floats,
     sin: Floats,
-    low: tuple[float, float],
-    high: tuple[float, float],
+    low: tuple[float, ...],
+    high: tuple[float, ...],
     boxes: Floats,
 ) -> Floats:
-    """Measure from places (n, 2) ahead, to the left and to the right, (n, 3), m."""
+    """Measure level from places (n, d) ahead, to the left and to the right, (n, 3), m."""
+    d = place_m.shape[1]
     north, east = np.stack([cos, sin, -sin], axis=1), np.stack([sin, -cos, cos], axis=1)
     north = np.where(np.abs(north) < TINY, TINY, north)
     east = np.where(np.abs(east) < TINY, TINY, east)
-    x, y = place_m[:, :1], place_m[:, 1:]
+    x, y, z = place_m[:, :1], place_m[:, 1:2], place_m[:, 2:]
     ranges_m: Floats = np.minimum(
         (np.where(north > 0.0, high[0], low[0]) - x) / north,
         (np.where(east > 0.0, high[1], low[1]) - y) / east,
     )
     for box in boxes:
-        a, b = (box[0] - x) / north, (box[2] - x) / north
-        c, d = (box[1] - y) / east, (box[3] - y) / east
-        enters = np.maximum(np.minimum(a, b), np.minimum(c, d))
-        leaves = np.minimum(np.maximum(a, b), np.maximum(c, d))
+        a, b = (box[0] - x) / north, (box[d] - x) / north
+        e, f = (box[1] - y) / east, (box[d + 1] - y) / east
+        enters = np.maximum(np.minimum(a, b), np.minimum(e, f))
+        leaves = np.minimum(np.maximum(a, b), np.maximum(e, f))
         hit = (enters <= leaves) & (leaves >= 0.0)
+        if d == 3:
+            hit &= (box[2] < z) & (z < box[5])
         ranges_m = np.where(hit, np.minimum(ranges_m, np.maximum(enters, 0.0)), ranges_m)
     return ranges_m
 
 
 def _meet_all(
     place_m: Floats, radio_m2: float, body_m2: float, peers_m: Floats, touching: Bools,
-    collisions: Counts,
+    collisions: Counts, is_chained: bool = True,
 ) -> None:  # fmt: skip
-    """Fill in the offsets to all others that a chain of radio links connects; count contacts."""
-    robots = place_m.shape[1]
-    north = place_m[:, None, :, 0] - place_m[:, :, None, 0]
-    east = place_m[:, None, :, 1] - place_m[:, :, None, 1]
+    """Fill in the offsets to all others in radio range, or linked by a chain; count contacts.
+
+    Who has no place (NaN) meets nobody.
+    """
+    robots, d = place_m.shape[1:]
+    offset_m = place_m[:, None, :, :] - place_m[:, :, None, :]
+    north, east = offset_m[..., 0], offset_m[..., 1]
     apart_m2 = north * north + east * east
+    if d == 3:
+        apart_m2 += offset_m[..., 2] * offset_m[..., 2]
     apart_m2[:, range(robots), range(robots)] = np.inf
     over = apart_m2 < body_m2
     collisions += (over & ~touching).sum(axis=(1, 2)) // 2
     touching[:] = over
     if peers_m.shape[2]:
         linked = apart_m2 <= radio_m2
-        for via in range(robots):
+        for via in range(robots if is_chained else 0):
             linked |= linked[:, :, via, None] & linked[:, None, via, :]
         linked[:, range(robots), range(robots)] = False
-        peers_m[..., 0] = np.where(linked, north, np.nan)
-        peers_m[..., 1] = np.where(linked, east, np.nan)
+        peers_m[:] = np.where(linked[..., None], offset_m, np.nan)
 
 
 # From here on: those of above as loops for numba, which cannot see the rest of the module.
@@ -205,11 +223,11 @@ def _cast(
     place_m: Floats,
     cos: Floats,
     sin: Floats,
-    low: tuple[float, float],
-    high: tuple[float, float],
+    low: tuple[float, ...],
+    high: tuple[float, ...],
     boxes: Floats,
 ) -> Floats:
-    tiny = 1e-12
+    tiny, d = 1e-12, place_m.shape[1]
     ranges_m = np.empty((len(place_m), 3))
     for i in range(len(place_m)):
         x, y = place_m[i, 0], place_m[i, 1]
@@ -226,9 +244,11 @@ def _cast(
                 ((high[1] if east > 0.0 else low[1]) - y) / east,
             )
             for k in range(len(boxes)):
-                a, b = (boxes[k, 0] - x) / north, (boxes[k, 2] - x) / north
-                c, d = (boxes[k, 1] - y) / east, (boxes[k, 3] - y) / east
-                enters, leaves = max(min(a, b), min(c, d)), min(max(a, b), max(c, d))
+                if d == 3 and not boxes[k, 2] < place_m[i, 2] < boxes[k, 5]:
+                    continue
+                a, b = (boxes[k, 0] - x) / north, (boxes[k, d] - x) / north
+                e, f = (boxes[k, 1] - y) / east, (boxes[k, d + 1] - y) / east
+                enters, leaves = max(min(a, b), min(e, f)), min(max(a, b), max(e, f))
                 if enters <= leaves and leaves >= 0.0:
                     nearest = min(nearest, max(enters, 0.0))
             ranges_m[i, beam] = nearest
@@ -237,9 +257,9 @@ def _cast(
 
 def _meet(  # noqa: C901, PLR0912 - a kernel: calls would cost more than they tell
     place_m: Floats, radio_m2: float, body_m2: float, peers_m: Floats, touching: Bools,
-    collisions: Counts,
+    collisions: Counts, is_chained: bool = True,
 ) -> None:  # fmt: skip
-    trials, robots = place_m.shape[:2]
+    trials, robots, d = place_m.shape
     cluster = np.empty(robots, dtype=np.int64)
     for trial in range(trials):
         for i in range(robots):
@@ -250,6 +270,9 @@ def _meet(  # noqa: C901, PLR0912 - a kernel: calls would cost more than they te
                 north = place_m[trial, j, 0] - place_m[trial, i, 0]
                 east = place_m[trial, j, 1] - place_m[trial, i, 1]
                 apart_m2 = north * north + east * east
+                if d == 3:
+                    down = place_m[trial, j, 2] - place_m[trial, i, 2]
+                    apart_m2 += down * down
                 over = apart_m2 < body_m2
                 if over and not touching[trial, i, j]:
                     collisions[trial] += 1
@@ -268,12 +291,19 @@ def _meet(  # noqa: C901, PLR0912 - a kernel: calls would cost more than they te
             continue
         for i in range(robots):
             for j in range(robots):
-                if i != j and cluster[i] == cluster[j]:
-                    peers_m[trial, i, j, 0] = place_m[trial, j, 0] - place_m[trial, i, 0]
-                    peers_m[trial, i, j, 1] = place_m[trial, j, 1] - place_m[trial, i, 1]
-                else:
-                    peers_m[trial, i, j, 0] = np.nan
-                    peers_m[trial, i, j, 1] = np.nan
+                hears = i != j and cluster[i] == cluster[j]
+                if hears and not is_chained:
+                    apart_m2 = 0.0
+                    for axis in range(d):
+                        offset_m = place_m[trial, j, axis] - place_m[trial, i, axis]
+                        apart_m2 += offset_m * offset_m
+                    hears = apart_m2 <= radio_m2
+                for axis in range(d):
+                    peers_m[trial, i, j, axis] = np.nan
+                    if hears:
+                        peers_m[trial, i, j, axis] = (
+                            place_m[trial, j, axis] - place_m[trial, i, axis]
+                        )
 
 
 def _mark(

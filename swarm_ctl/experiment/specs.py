@@ -14,6 +14,7 @@ from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.world import World, load_world
 from swarm_ctl.errors import MissionError
 from swarm_ctl.experiment import batch
+from swarm_ctl.experiment.room import Room
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, shown
 
@@ -88,9 +89,6 @@ class Cell(Section):
 
     @model_validator(mode="after")
     def _is_flat(self) -> Self:
-        if self.planner.kind not in batch.KINDS:
-            reason = f"the batch engine drives {', '.join(batch.KINDS)}, not {self.planner.kind}"
-            raise cross_check("planner.kind", reason)
         if self.planner.dimensions != 2:
             raise cross_check(
                 "planner.dimensions", "must be 2: the batch engine drives on the ground"
@@ -177,9 +175,9 @@ def case_of(cell: Cell, sample_s: float, path: Path, key: str) -> batch.Case:
         body_m=cell.body_m,
         footprint=cell.footprint,
     )
-    if not batch.is_start_free(case):
+    if misfit := Room(case).misfit:
         reason = f"a robot of {cell.body_m:g} m does not fit at {cell.start_m} in {cell.world}"
-        raise MissionError(path, f"{key}.start_m", reason)
+        raise MissionError(path, f"{key}.{misfit}", reason)
     return case
 
 

@@ -9,16 +9,19 @@ import numpy as np
 from swarm_ctl.experiment.case import Bools, overlaps
 from swarm_ctl.explore.chance import Floats, Rows
 
-Corner = tuple[float, float]
+Corner = tuple[float, ...]
 
 
 def near_all(place_m: Floats, low: Corner, high: Corner, boxes: Floats, reach_m: float) -> Rows:
-    """Find who of (n, 2) has a wall or a box near enough for a ray to hit it within reach."""
+    """Find who of (n, d) has a wall or a box near enough for a level ray to hit it within reach.
+
+    The boxes (b, 4) are their outlines from above.
+    """
     north, east = place_m[:, 0], place_m[:, 1]
     near: Bools = (north < low[0] + reach_m) | (north > high[0] - reach_m)
     near |= (east < low[1] + reach_m) | (east > high[1] - reach_m)
     if len(boxes):
-        near |= overlaps(place_m, boxes, reach_m).any(axis=1)
+        near |= overlaps(place_m[:, :2], boxes, reach_m).any(axis=1)
     return near.nonzero()[0]
 
 
@@ -27,30 +30,43 @@ def slide_all(
 ) -> tuple[Floats, Floats, Bools]:
     """Keep bodies inside and out of boxes; who would end in one slides along the side it hit.
 
-    Gives the places (n, 2), the paths to there (n,), and who was stopped (n,).
+    Gives the places (n, d), the paths to there (n,), and who was stopped (n,).
     """
     place_m: Floats = np.clip(wanted_m, np.add(low, half_m), np.subtract(high, half_m))
     if len(boxes):
         _slide_along(last_m, place_m, boxes, half_m)
     moved = place_m - last_m
     stopped: Bools = (place_m[:, 0] != wanted_m[:, 0]) | (place_m[:, 1] != wanted_m[:, 1])
+    if len(low) == 3:
+        stopped |= place_m[:, 2] != wanted_m[:, 2]
     return place_m, np.sqrt(np.einsum("nd,nd->n", moved, moved)), stopped
 
 
 def _slide_along(last_m: Floats, place_m: Floats, boxes: Floats, half_m: float) -> None:
     row, box = overlaps(place_m, boxes, half_m).nonzero()
-    sides = boxes[box] + np.array([-half_m, -half_m, half_m, half_m])
-    outward = np.array([-1.0, -1.0, 1.0, 1.0])
+    d = place_m.shape[1]
+    outward = np.repeat([-1.0, 1.0], d)
+    sides = boxes[box] + outward * half_m
     was_beyond = outward * (np.tile(last_m[row], 2) - sides) > -1e-9
     deep_m = np.where(was_beyond, outward * (sides - np.tile(place_m[row], 2)), np.inf)
     side = deep_m.argmin(axis=1)
-    place_m[row, side % 2] = sides[np.arange(len(row)), side]
+    place_m[row, side % d] = sides[np.arange(len(row)), side]
     # Between two boxes nothing but to stay is sure to be free.
     stuck = row[overlaps(place_m[row], boxes, half_m - 1e-9).any(axis=1)]
     place_m[stuck] = last_m[stuck]
 
 
-# From here on: the same as loops for numba, which cannot see the rest of the module.
+def plumb(place_m: Floats, low: Corner, high: Corner, boxes: Floats) -> tuple[Floats, Floats]:
+    """Measure from (n, 3) straight up and straight down to the first surface, (n,) each."""
+    down = place_m[:, 2]
+    over = overlaps(place_m[:, :2], boxes[:, [0, 1, 3, 4]], 0.0)
+    upper, lower = boxes[:, 2], boxes[:, 5]
+    above = np.where(over & (lower <= down[:, None]), lower, low[2])
+    below = np.where(over & (upper >= down[:, None]), upper, high[2])
+    return down - above.max(axis=1, initial=low[2]), below.min(axis=1, initial=high[2]) - down
+
+
+# From here on: the flat ones of above as loops for numba, which cannot see the rest of the module.
 
 
 def near(place_m: Floats, low: Corner, high: Corner, boxes: Floats, reach_m: float) -> Rows:
