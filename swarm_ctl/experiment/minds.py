@@ -110,8 +110,9 @@ class Explorers:
         own_m = self._odometry.position_m
         velocity_m_s, heading = np.zeros_like(position_m), heading_rad.copy()
         hits_m, hit = _hits(own_m, heading_rad, ranges_m)
-        near = ~np.isnan(peers_m[:, :, 0])
-        has_hit, has_peers = hit.any(axis=1).tolist(), near.any(axis=1).tolist()
+        near: Bools = np.isfinite(peers_m[:, :, 0])
+        has_hit: Bools = np.asarray(hit.any(axis=1))
+        has_peers: Bools = np.asarray(near.any(axis=1))
         for row in alive.nonzero()[0].tolist():
             explorer, at = self._explorers[row], slice(row, row + 1)
             heard_m = peers_m[row, near[row]][None] if has_peers[row] else self._nobody_m
@@ -134,14 +135,14 @@ class Explorers:
     def _talk(self, trial: int, these: slice, offset_m: Floats, alive: Bools) -> None:
         """Send beacons to all in range, then payloads; the radio loses some for each receiver."""
         explorers, own_m = self._explorers[these], self._odometry.position_m[these].tolist()
-        near = ~np.isnan(offset_m[:, :, 0])
+        near: Bools = np.isfinite(offset_m[:, :, 0])
         if near.any():
             now = (self._steps + 1) * self._case.planner.period_s
             heard = near & self._arrives(trial, near.shape)
             if self._case.position_noise_m:
                 noise = self._chances[trial].normal(size=offset_m.shape)
                 offset_m = offset_m + self._case.position_noise_m * noise
-            told = {j: explorers[j].summary() for j in heard.any(axis=0).nonzero()[0].tolist()}
+            told = {j: explorers[j].summary() for j in np.flatnonzero(heard.any(axis=0)).tolist()}
             for i, j in np.argwhere(heard).tolist():
                 explorers[i].hear_peer(
                     j + 1, now, offset_m[i, j].tolist(), own_m[j], explorers[j].target_m,

@@ -217,20 +217,24 @@ def _retrace(case: Case, seed: int, trial: int) -> tuple[Truth, float]:
     """Run one trial again, which gives the same paths, as the referee of a flight would see it."""
     outcome = simulate(case, seed, range(trial, trial + 1), tracks=True)
     field, tracks = case.field, outcome.tracks_m[0]
-    victims = np.array(field.victims_m, dtype=np.float64).reshape(-1, 2)
+    d = case.dimensions
+    victims = np.array(field.victims_m, dtype=np.float64).reshape(-1, d)
     step = outcome.found_step[0]
     found_s = np.where(step >= 0, step * case.planner.period_s, np.nan)
     size = np.ceil((np.subtract(field.high_m, field.low_m)) / field.cell_m - 1e-9).astype(int)
     boxes = [
-        {"points_ne_m": [[a, b], [a, d], [c, d], [c, b]], "bottom_m": 0.0, "top_m": 3.0}
-        for a, b, c, d in field.boxes_m
+        {"points_ne_m": [[a, b], [a, f], [e, f], [e, b]], "bottom_m": 0.0, "top_m": 3.0}
+        for a, b, e, f in case.boxes[:, [0, 1, d, d + 1]].tolist()
     ]
+    if d == 2:
+        tracks = np.concatenate([tracks, np.full((*tracks.shape[:2], 1), -0.3)], axis=2)
+        victims = np.concatenate([victims, np.zeros((len(victims), 1))], axis=1)
     arrays = {
-        "track_ned_m": np.concatenate([tracks, np.full((*tracks.shape[:2], 1), -0.3)], axis=2),
-        "blocked": np.zeros(size, dtype=np.bool_),
-        "origin_ne_m": np.array(field.low_m),
+        "track_ned_m": tracks,
+        "blocked": np.zeros(size[:2], dtype=np.bool_),
+        "origin_ne_m": np.array(field.low_m[:2]),
         "cell_m": np.array(field.cell_m),
-        "victims_ned_m": np.concatenate([victims, np.zeros((len(victims), 1))], axis=1),
+        "victims_ned_m": victims,
         "victim_found_s": found_s,
     }
     return Truth(arrays=arrays, world={"polygons": boxes}), float(outcome.coverage[0, -1])

@@ -1,10 +1,10 @@
-"""Where bodies fit, how far they get from where they start, and how much of the field that shows."""
+"""Where bodies fit, how far they get from their starts, and what of the field that shows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Literal
 
 import numpy as np
@@ -35,7 +35,9 @@ class Room:
         self._low_m: Floats = np.add(case.field.low_m, half_m)
         self._high_m: Floats = np.subtract(case.field.high_m, half_m)
         self._sides_m = [self._cut(axis, half_m) for axis in range(self._d)]
-        middles = [_pieces(sides, (sides[:-1] + sides[1:]) / 2.0) for sides in self._sides_m]
+        middles: list[Floats] = [
+            _pieces(sides, (sides[:-1] + sides[1:]) / 2.0) for sides in self._sides_m
+        ]
         self._free: Bools = ~_solid(middles, self._boxes, half_m - _TOUCH_M)
         self._open = self._reached()
 
@@ -76,11 +78,11 @@ class Room:
             spans.append((begin, np.clip(np.floor(last + 1e-9) + 1.0, 0, count).astype(int)))
         cells: Bools = np.zeros(size, dtype=np.bool_)
         *across, (begin, end) = spans
-        for index, first, last in _runs(self._open):
+        for index, piece, last_piece in _runs(self._open):
             lead = (slice(b[i], e[i]) for i, (b, e) in zip(index, across, strict=True))
-            cells[(*lead, slice(begin[first], end[last]))] = True
-        centres = [
-            low + (np.arange(count) + 0.5) * cell
+            cells[(*lead, slice(begin[piece], end[last_piece]))] = True
+        centres: list[Floats] = [
+            np.add(low, (np.arange(count) + 0.5) * cell)
             for low, count in zip(field.low_m, size, strict=True)
         ]
         return cells & ~_solid(centres, self._boxes, 0.0)
@@ -91,15 +93,17 @@ class Room:
         boxes = self._boxes[:, [axis, axis + self._d]] + np.array([-half_m, half_m])
         inside = boxes[(boxes > low_m + _SAME_M) & (boxes < high_m - _SAME_M)]
         sides = np.unique([low_m, *inside, high_m])
-        return sides[np.append(True, np.diff(sides) > _SAME_M)]
+        kept: Floats = sides[np.append(True, np.diff(sides) > _SAME_M)]
+        return kept
 
     def _reached(self) -> Bools:
         """Mark the free pieces around `start_m`, or the largest room where anybody may start."""
         if self._case.start_m is not None:
             return _flood(self._free, self._seeds())
-        volume = np.ones(())
+        volume: Floats = np.ones(1)
         for sides in self._sides_m:
-            volume = np.multiply.outer(volume, _pieces(sides * 0.0, np.diff(sides)))
+            volume = volume[..., None] * _pieces(np.zeros(len(sides)), np.diff(sides))
+        volume = volume[0]
         best, rest = np.zeros_like(self._free), self._free.copy()
         while rest.any():
             seeds = np.zeros_like(rest)
@@ -133,14 +137,13 @@ class Room:
         inside = (row >= case.field.low_m[:2]) & (row <= case.field.high_m[:2])
         if not inside.all():
             return False
-        margin_m = 3.0 * case.jitter_m
-        for north in (-margin_m, 0.0, margin_m):
-            for east in (-margin_m, 0.0, margin_m):
-                place = np.clip(row + [north, east], self._low_m[:2], self._high_m[:2])
-                at = tuple(self._piece(axis, along) for axis, along in enumerate(place.T))
-                free = self._at_height(self._free)[at].reshape(len(row), -1)
-                if not free.any(axis=1).all():
-                    return False
+        free = self._at_height(self._free)
+        for around in product((-3.0, 0.0, 3.0), repeat=2):
+            spread = row + np.multiply(around, case.jitter_m)
+            place = np.clip(spread, self._low_m[:2], self._high_m[:2])
+            at = tuple(self._piece(axis, along) for axis, along in enumerate(place.T))
+            if not free[at].reshape(len(row), -1).any(axis=1).all():
+                return False
         return True
 
     def _row(self) -> Floats:

@@ -25,6 +25,8 @@ from swarm_ctl.experiment.specs import Cell, Experiment, case_of, load_experimen
 
 CHUNK = 50
 """Trials in a chunk: half a second's work for ten robots. It has no influence on any result."""
+EXPLORE_CHUNK = 5
+"""The same for kind `explore`, whose trials take a hundred times as long."""
 SPEC, CHUNKS, TRIALS_CSV, CELLS_CSV, SUMMARY = (
     "experiment.json",
     "chunks",
@@ -172,12 +174,14 @@ def run_experiment(
 
 def jobs_of(path: Path, experiment: Experiment) -> list[Job]:
     """Cut an experiment into jobs, in the order of its file."""
-    return [
-        Job(cell, case, experiment.seed, index, first, min(CHUNK, experiment.trials - first))
-        for index, cell in enumerate(experiment.cells)
-        for case in [case_of(cell, experiment.sample_s, path, f"cells.{index}")]
-        for first in range(0, experiment.trials, CHUNK)
-    ]
+    jobs = []
+    for index, cell in enumerate(experiment.cells):
+        case = case_of(cell, experiment.sample_s, path, f"cells.{index}")
+        size = min(CHUNK, EXPLORE_CHUNK) if cell.planner.kind == "explore" else CHUNK
+        for first in range(0, experiment.trials, size):
+            count = min(size, experiment.trials - first)
+            jobs.append(Job(cell, case, experiment.seed, index, first, count))
+    return jobs
 
 
 def _total(jobs: Sequence[Job]) -> int:
