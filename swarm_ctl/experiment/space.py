@@ -89,14 +89,15 @@ def with_planner(path: Path, experiment: Experiment, values: Mapping[str, Any]) 
     cells = []
     for cell in experiment.cells:
         own = cell.planner.model_dump(exclude_unset=True)
+        given = {key: value for key, value in cell if key in cell.model_fields_set}
         try:
-            changed = Cell.model_validate({**dict(cell), "planner": {**own, **values}})
+            changed = Cell.model_validate({**given, "planner": {**own, **values}})
         except ValidationError as error:
             detail = first_mistake(error)
             key = str(detail.get("ctx", {}).get("key", ""))
             said = f"{key} {in_words(detail, _unknown)}".strip()
-            given = ", ".join(f"{name} {shown(value)}" for name, value in values.items())
-            reason = f"{said}; this would be so in cell {cell.name!r} with {given}"
+            such = ", ".join(f"{name} {shown(value)}" for name, value in values.items())
+            reason = f"{said}; this would be so in cell {cell.name!r} with {such}"
             raise MissionError(path, "tune.parameters", reason) from None
         cells.append(changed)
     return experiment.model_copy(update={"cells": tuple(cells)})

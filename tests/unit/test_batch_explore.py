@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from swarm_ctl.experiment import batch
+from swarm_ctl.experiment import batch, walls
 from swarm_ctl.experiment.batch import Case, Field, Outcome, has_numba, simulate
 from swarm_ctl.experiment.hot import compiled, interpreted
 from swarm_ctl.experiment.minds import Explorers
@@ -192,9 +192,9 @@ def test_the_memory_sees_walls_that_table_i_does_not() -> None:
     """A robot 2.5 m from three walls: the beams of 3 m show them, those of 1 m nothing."""
     room = Field((0.0, 0.0), (5.0, 5.0))
     still = case(room, robots=1, steps=2, start_m=(2.5, 2.5), speed_m_s=1e-6, jitter_m=0.0)
-    for beam_m, walls in ((3.0, 3), (None, 0)):
+    for beam_m, hit in ((3.0, 3), (None, 0)):
         grid = Flight(replace(still, beam_m=beam_m)).explorers[0].memory.grid
-        assert np.count_nonzero(grid & WALL) == walls
+        assert np.count_nonzero(grid & WALL) == hit
 
 
 @pytest.mark.parametrize("fast", WAYS)
@@ -210,11 +210,11 @@ def test_level_beams_pass_over_a_table_and_under_a_beam(fast: bool) -> None:
 
 def test_beams_up_and_down_meet_ceiling_floor_and_what_is_between() -> None:
     place = np.array([[1.0, 1.0, -1.5], [4.0, 4.0, -1.5], [6.2, 2.0, -1.5], [6.2, 6.0, -1.5]])
-    up, down = batch._plumb(place, HALL, case(HALL).boxes)
+    up, down = walls.plumb(place, HALL.low_m, HALL.high_m, case(HALL).boxes)
     assert up.tolist() == [2.5, 2.5, 0.5, 2.5]  # the third is under the beam
     assert down.tolist() == [1.5, 0.5, 1.5, 1.5]  # the second over the table
     empty = replace(HALL, boxes_m=())
-    up, down = batch._plumb(place, empty, case(empty).boxes)
+    up, down = walls.plumb(place, HALL.low_m, HALL.high_m, case(empty).boxes)
     assert (up.tolist(), down.tolist()) == ([2.5] * 4, [1.5] * 4)
 
 

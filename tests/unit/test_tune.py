@@ -360,9 +360,9 @@ def only(name: str, **span: Any) -> dict[str, Any]:
             "does not go with choices",
         ),
         (
-            only("dimensions", choices=[2, 3]),
+            only("period_s", choices=[1.0, 900.0]),
             "tune.parameters",
-            "planner.dimensions must be 2: the batch engine drives on the ground",
+            "duration_s must be at least planner.period_s; this would be so in cell 'anywhere'",
         ),
         (
             only("levy_min_m", low=1, high=30),
