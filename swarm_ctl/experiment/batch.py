@@ -24,7 +24,7 @@ __all__ = ["Case", "Field", "Outcome", "has_numba", "simulate"]
 
 VICTIM_M = 1.0
 """A victim this near and in line of sight is found: "a basic camera sensor or infrared"."""
-TOGETHER = 4
+TOGETHER = 5
 """Trials of explorers side by side: their memories take some MB per trial."""
 _FAILURES = 1_000_001
 """In the place of a robot's index: the generator of a trial's failures."""

@@ -199,11 +199,10 @@ def _meet_all(
     Who has no place (NaN) meets nobody.
     """
     robots, d = place_m.shape[1:]
-    offset_m = place_m[:, None, :, :] - place_m[:, :, None, :]
-    north, east = offset_m[..., 0], offset_m[..., 1]
-    apart_m2 = north * north + east * east
+    offsets = [place_m[:, None, :, axis] - place_m[:, :, None, axis] for axis in range(d)]
+    apart_m2 = offsets[0] * offsets[0] + offsets[1] * offsets[1]
     if d == 3:
-        apart_m2 += offset_m[..., 2] * offset_m[..., 2]
+        apart_m2 += offsets[2] * offsets[2]
     apart_m2[:, range(robots), range(robots)] = np.inf
     over = apart_m2 < body_m2
     collisions += (over & ~touching).sum(axis=(1, 2)) // 2
@@ -213,7 +212,8 @@ def _meet_all(
         for via in range(robots if is_chained else 0):
             linked |= linked[:, :, via, None] & linked[:, None, via, :]
         linked[:, range(robots), range(robots)] = False
-        peers_m[:] = np.where(linked[..., None], offset_m, np.nan)
+        for axis, offset_m in enumerate(offsets):
+            peers_m[..., axis] = np.where(linked, offset_m, np.nan)
 
 
 # From here on: those of above as loops for numba, which cannot see the rest of the module.
@@ -227,7 +227,7 @@ def _cast(
     high: tuple[float, ...],
     boxes: Floats,
 ) -> Floats:
-    tiny, d = 1e-12, place_m.shape[1]
+    tiny, d = 1e-12, len(low)
     ranges_m = np.empty((len(place_m), 3))
     for i in range(len(place_m)):
         x, y = place_m[i, 0], place_m[i, 1]

@@ -44,6 +44,12 @@ def test_what_counts_can_be_reached_from_the_start(
     assert np.count_nonzero(cells) * 0.01 == pytest.approx(metres2, abs=0.15)
 
 
+def test_the_larger_room_counts_on_whichever_side_it_is() -> None:
+    for low, high, metres2 in ((3.9, 4.1, 23.6), (5.9, 6.1, 23.6)):
+        cells = room(Field((0.0, 0.0), (4.0, 10.0), ((0.0, low, 4.0, high),))).coverable((40, 100))
+        assert np.count_nonzero(cells) * 0.01 == pytest.approx(metres2)
+
+
 def test_nobody_starts_in_a_closed_pocket() -> None:
     places = np.concatenate([room(walled(0.5)).starts(1, trial)[0] for trial in range(20)])
     assert len(places) == 400
