@@ -15,8 +15,9 @@ from functools import partial
 from pathlib import Path
 
 from swarm_ctl.experiment.batch import Case, Outcome, simulate
+from swarm_ctl.experiment.cell import Cell, case_of
 from swarm_ctl.experiment.report import statistic
-from swarm_ctl.experiment.specs import Cell, case_of, load_experiment
+from swarm_ctl.experiment.specs import load_experiment
 from swarm_ctl.explore.planner import PlannerParams
 
 FILE = Path(__file__).resolve().parents[1] / "missions" / "experiments" / "explore.yaml"

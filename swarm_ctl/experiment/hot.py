@@ -6,16 +6,15 @@ Both ways do the same operations in the same order, so they give the same number
 from __future__ import annotations
 
 import importlib.util
-import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarm_ctl.experiment import balls, walls
+from swarm_ctl.experiment import walls
 from swarm_ctl.experiment.case import TINY, Bools, Case, Counts
+from swarm_ctl.experiment.ground import CompiledGround, Ground
 from swarm_ctl.experiment.room import Room
 from swarm_ctl.explore import rows
 from swarm_ctl.explore.chance import Floats, Rows
@@ -38,109 +37,6 @@ class Tools(NamedTuple):
     """What `explore.Planner` does for every row."""
 
 
-class Ground:
-    """Which cells have been under a body, trial by trial: a cell counts if its centre was."""
-
-    def __init__(self, case: Case, room: Room, trials: int) -> None:
-        field, cell = case.field, case.field.cell_m
-        self._origin_m = field.low_m
-        self._size = tuple(
-            math.ceil((high - low) / cell - 1e-9)
-            for low, high in zip(field.low_m, field.high_m, strict=True)
-        )
-        self._shape = (math.prod(self._size[:-1]), self._size[-1])
-        self._cell_m, self._half_m = cell, case.reach_m
-        self._is_disc = case.footprint == "disc"
-        self._free = room.coverable(self._size).reshape(self._shape)
-        self._trials = trials
-        self._clear()
-
-    def _clear(self) -> None:
-        """Begin with untouched ground; the places of each step wait for the next count."""
-        rows, columns = self._shape
-        self._waiting: list[Floats] = []
-        self._covered = np.zeros((self._trials, rows, columns), dtype=np.bool_)
-
-    def mark(self, position_m: Floats) -> None:
-        """Put a body at (trials * robots, d)."""
-        self._waiting.append(position_m)
-
-    def share(self) -> Floats:
-        """Count the covered share of the free cells, (trials,)."""
-        places = np.stack(self._waiting).reshape(
-            len(self._waiting), self._trials, -1, len(self._size)
-        )
-        self._waiting = []
-        for trial in range(self._trials):
-            self._covered[trial] |= self._under(places[:, trial].reshape(-1, places.shape[3]))
-        counted: Counts = np.count_nonzero(self._covered & self._free, axis=(1, 2))
-        return counted / np.count_nonzero(self._free)
-
-    def _under(self, place_m: Floats) -> Bools:
-        """Tell which cells are under bodies at (m, d): +1 where a run begins, -1 behind its end."""
-        rows, columns = self._shape
-        row, begin, end = self._runs(place_m)
-        first = row * (columns + 1)
-        edges, size = np.zeros(rows * (columns + 1), dtype=np.intp), rows * (columns + 1)
-        edges += np.bincount((first + begin).astype(np.intp).ravel(), minlength=size)
-        edges -= np.bincount(
-            (first + np.maximum(begin, end)).astype(np.intp).ravel(), minlength=size
-        )
-        return edges.reshape(rows, columns + 1).cumsum(axis=1)[:, :-1] > 0
-
-    def _runs(self, place_m: Floats) -> tuple[Floats, Floats, Floats]:
-        """Give the row of each run of cells under bodies, where it begins and where it ends."""
-        if len(self._size) == 3:
-            return balls.runs(place_m, self._origin_m, self._cell_m, self._half_m, self._size)
-        rows, columns = self._shape
-        cell, half = self._cell_m, self._half_m
-        north, east = (place_m - self._origin_m).T[:, :, None]
-        last = np.floor((north + half) / cell - 0.5)
-        row = np.ceil((north - half) / cell - 0.5) + np.arange(math.ceil(2.0 * half / cell) + 1)
-        row = np.clip(np.minimum(row, last), 0, rows - 1)
-        if self._is_disc:
-            half = np.sqrt(np.maximum(half * half - ((row + 0.5) * cell - north) ** 2, 0.0))
-        begin = np.maximum(np.ceil((east - half) / cell - 0.5), 0.0)
-        end = np.minimum(np.floor((east + half) / cell - 0.5) + 1.0, columns)
-        return row, begin, end
-
-
-class CompiledGround(Ground):
-    """The same cells, a bit each, marked at once."""
-
-    def _clear(self) -> None:
-        rows, columns = self._shape
-        words = -(-columns // 64)
-        bits = np.zeros((rows, 64 * words), dtype=np.bool_)
-        bits[:, :columns] = self._free
-        packed = np.packbits(bits, axis=1, bitorder="little").view("<u8")
-        self._free_bits = packed.astype(np.uint64)
-        self._bits = np.zeros((self._trials, rows, words), dtype=np.uint64)
-
-    def mark(self, position_m: Floats) -> None:
-        """Put a body at (trials * robots, d)."""
-        if len(self._size) == 3:
-            place_m = position_m.reshape(self._trials, -1, 3)
-            _jit(balls.mark)(
-                place_m, self._origin_m, self._cell_m, self._half_m, self._size, self._bits
-            )
-            return
-        _jit(_mark)(
-            position_m.reshape(self._trials, -1, 2),
-            self._origin_m,
-            self._cell_m,
-            self._half_m,
-            self._is_disc,
-            self._shape[1],
-            self._bits,
-        )
-
-    def share(self) -> Floats:
-        """Count the covered share of the free cells, (trials,)."""
-        counted: Counts = _jit(_count)(self._bits, self._free_bits)
-        return counted / np.count_nonzero(self._free)
-
-
 def interpreted() -> Tools:
     """Give the parts in numpy."""
     return Tools(_cast_all, _meet_all, walls.near_all, walls.slide_all, Ground, rows.NUMPY)
@@ -148,8 +44,8 @@ def interpreted() -> Tools:
 
 def compiled() -> Tools:
     """Give the parts compiled; ImportError without numba."""
-    near, slide = _jit(walls.near), _jit(walls.slide)
-    return Tools(_jit(_cast), _jit(_meet), near, slide, CompiledGround, rows.compiled())
+    near, slide, ground = _jit(walls.near), _jit(walls.slide), partial(CompiledGround, jit=_jit)
+    return Tools(_jit(_cast), _jit(_meet), near, slide, ground, rows.compiled())
 
 
 @cache
@@ -304,50 +200,3 @@ def _meet(  # noqa: C901, PLR0912 - a kernel: calls would cost more than they te
                         peers_m[trial, i, j, axis] = (
                             place_m[trial, j, axis] - place_m[trial, i, axis]
                         )
-
-
-def _mark(
-    place_m: Floats,
-    origin_m: tuple[float, float],
-    cell: float,
-    half: float,
-    is_disc: bool,
-    columns: int,
-    bits: NDArray[np.uint64],
-) -> None:
-    trials, robots = place_m.shape[:2]
-    every = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
-    for trial in range(trials):
-        for i in range(robots):
-            north = place_m[trial, i, 0] - origin_m[0]
-            east = place_m[trial, i, 1] - origin_m[1]
-            first = max(math.ceil((north - half) / cell - 0.5), 0)
-            last = min(math.floor((north + half) / cell - 0.5), bits.shape[1] - 1)
-            band = 1 if is_disc else max(last + 1 - first, 1)
-            for at in range(first, last + 1, band):
-                reach = half
-                if is_disc:
-                    beside = (at + 0.5) * cell - north
-                    reach = math.sqrt(max(half * half - beside * beside, 0.0))
-                begin = max(math.ceil((east - reach) / cell - 0.5), 0)
-                end = min(math.floor((east + reach) / cell - 0.5) + 1, columns)
-                for word in range(begin >> 6, ((end - 1) >> 6) + 1):
-                    low, high = max(begin - (word << 6), 0), min(end - (word << 6), 64)
-                    if low < high:
-                        run = (every >> np.uint64(64 - high + low)) << np.uint64(low)
-                        for row in range(at, at + band):
-                            bits[trial, row, word] |= run
-
-
-def _count(bits: NDArray[np.uint64], free: NDArray[np.uint64]) -> Counts:
-    counted = np.zeros(len(bits), dtype=np.int64)
-    for trial in range(len(bits)):
-        for row in range(free.shape[0]):
-            for word in range(free.shape[1]):
-                left = bits[trial, row, word] & free[row, word]
-                left -= (left >> np.uint64(1)) & np.uint64(0x5555555555555555)
-                twos = np.uint64(0x3333333333333333)
-                left = (left & twos) + ((left >> np.uint64(2)) & twos)
-                left = (left + (left >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-                counted[trial] += np.int64((left * np.uint64(0x0101010101010101)) >> np.uint64(56))
-    return counted

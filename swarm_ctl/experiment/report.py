@@ -17,7 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from swarm_ctl.experiment.batch import Case, simulate
-from swarm_ctl.experiment.specs import METRICS, Cell, Experiment
+from swarm_ctl.experiment.cell import METRICS, Cell
+from swarm_ctl.experiment.specs import Experiment
 from swarm_ctl.record.truth import Truth
 
 _SHOWN = {

@@ -12,7 +12,8 @@ from pydantic import Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from swarm_ctl.errors import MissionError
-from swarm_ctl.experiment.specs import Cell, Experiment
+from swarm_ctl.experiment.cell import Cell
+from swarm_ctl.experiment.specs import Experiment
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, shown
 

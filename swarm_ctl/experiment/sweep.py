@@ -20,8 +20,9 @@ import numpy as np
 
 from swarm_ctl.errors import MissionError, SwarmError
 from swarm_ctl.experiment.batch import Case, simulate
+from swarm_ctl.experiment.cell import Cell, case_of
 from swarm_ctl.experiment.report import CellResult, ExperimentResult, draw_pictures, statistic
-from swarm_ctl.experiment.specs import Cell, Experiment, case_of, load_experiment
+from swarm_ctl.experiment.specs import Experiment, load_experiment
 
 CHUNK = 50
 """Trials in a chunk: half a second's work for ten robots. It has no influence on any result."""

@@ -12,8 +12,9 @@ from rich.console import Console
 
 from swarm_ctl.errors import MissionError
 from swarm_ctl.experiment import sweep
+from swarm_ctl.experiment.cell import Energy
 from swarm_ctl.experiment.report import ExperimentResult, result_lines, statistic, student95
-from swarm_ctl.experiment.specs import Energy, load_experiment
+from swarm_ctl.experiment.specs import load_experiment
 from swarm_ctl.experiment.sweep import Job, Row, locally, run_experiment
 
 FILES = Path(__file__).resolve().parents[2] / "missions" / "experiments"
