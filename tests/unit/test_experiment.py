@@ -73,6 +73,15 @@ def test_every_shipped_experiment_is_valid_and_says_what_it_quotes(path: Path) -
     assert all(cell.quote for cell in varied)
 
 
+def test_a_hall_without_a_ceiling_is_refused(write: Write, tmp_path: Path) -> None:
+    text = WORLD.read_text(encoding="utf-8").replace("ceiling_m: 3\n", "")
+    (tmp_path / "sky.yaml").write_text(text, encoding="utf-8")
+    path = write(defaults__world="sky.yaml", cells__1__planner={"kind": "levy", "dimensions": 3})
+    with pytest.raises(MissionError, match="has no ceiling_m, which planning in 3-D needs") as no:
+        load_experiment(path)
+    assert no.value.key == "cells.1.world"
+
+
 def test_a_cell_takes_what_it_does_not_say_from_the_defaults(write: Write) -> None:
     hybrid, levy = load_experiment(write()).cells
     assert (hybrid.vehicles, levy.vehicles) == (3, 3)
