@@ -63,16 +63,15 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--set", default="{}", help="JSON of planner parameters")
     args = parser.parse_args()
-    cells = load_experiment(args.file).cells
     with ProcessPoolExecutor(args.workers) as pool:
-        for cell in cells:
+        for cell in load_experiment(args.file).cells:
             if not cell.name.startswith(tuple(args.cases.split(","))):
                 continue
             if ("r" if cell.start_m is None else "c") not in args.starts:
                 continue
             case = case_of(changed(cell, args.set), SAMPLE_S, args.file, cell.name)
-            run = partial(trial, case=case, seed=1)
-            runs = list(pool.map(run, range(args.first, args.first + args.seeds)))
+            numbers = range(args.first, args.first + args.seeds)
+            runs = list(pool.map(partial(trial, case=case, seed=1), numbers))
             print(f"{cell.name}: {line(runs, SAMPLE_S)}", flush=True)
 
 
