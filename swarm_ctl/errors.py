@@ -1,4 +1,7 @@
-"""One tree of errors; the data is in attributes, the message is one sentence for a person."""
+"""One tree of errors; the data is in attributes, the message is one sentence for a person.
+
+What an error is built from is its `args`, so that it travels between processes.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,12 @@ class MissionError(SwarmError):
         self.path = path
         self.key = key
         self.reason = reason
-        super().__init__(f"{path}: {key}: {reason}" if key else f"{path}: {reason}")
+        super().__init__(path, key, reason)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.path}: {self.key}: {self.reason}" if self.key else f"{self.path}: {self.reason}"
+        )
 
 
 class MockError(SwarmError):
@@ -29,7 +37,10 @@ class ClusterError(SwarmError):
     def __init__(self, address: str, reason: str) -> None:
         self.address = address
         self.reason = reason
-        super().__init__(f"--cluster {address}: {reason}")
+        super().__init__(address, reason)
+
+    def __str__(self) -> str:
+        return f"--cluster {self.address}: {self.reason}"
 
 
 class PhaseError(SwarmError):
@@ -38,4 +49,7 @@ class PhaseError(SwarmError):
     def __init__(self, phase: str, event: str) -> None:
         self.phase = phase
         self.event = event
-        super().__init__(f"a vehicle that is {phase} cannot take {event}")
+        super().__init__(phase, event)
+
+    def __str__(self) -> str:
+        return f"a vehicle that is {self.phase} cannot take {self.event}"

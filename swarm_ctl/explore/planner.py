@@ -38,7 +38,7 @@ EXPLORE_3D: dict[str, Any] = {
     "footprint_shape": "disc",
 }
 """Defaults of kind `explore` in 3-D (ALGORITHM 3.3)."""
-EXPLORE_3D_WIDTHS = {"levy_min_m": 1.0, "levy_max_m": 10.0, "cell_m": 0.25}
+EXPLORE_3D_WIDTHS = {"levy_min_m": 0.5, "levy_max_m": 3.0, "cell_m": 0.25}
 """The same, in widths of the footprint."""
 
 

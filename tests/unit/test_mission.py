@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from swarm_ctl.errors import MissionError
+from swarm_ctl.errors import ClusterError, MissionError, PhaseError, SwarmError
 from swarm_ctl.mission import Mission, load_mission, mission_schema
 
 MISSIONS = Path(__file__).parents[2] / "missions"
@@ -63,7 +64,20 @@ def test_the_open_field_is_the_papers() -> None:
 def test_the_hall_is_flown_in_three_dimensions() -> None:
     mission = load_mission(MISSIONS / "open_3d.yaml")
     assert (mission.planner.dimensions, mission.limits.ceiling_m) == (3, 5.6)
-    assert (mission.planner.social, mission.planner.repulsion_max) == (0.5, 2.0)
+    assert (mission.planner.kind, mission.planner.repulsion_max) == ("explore", 2.0)
+    assert mission.planner.footprint_m < 1.0, "less than they see, so that lanes overlap"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MissionError(Path("a.yaml"), "vehicles", "must be 1"),
+        ClusterError("tcp://x", "no"),
+        PhaseError("landed", "TAKE_OFF"),
+    ],
+)
+def test_an_error_says_the_same_in_another_process(error: SwarmError) -> None:
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)  # noqa: S301 - our own
 
 
 def test_a_short_mission_gets_the_defaults(write: Write) -> None:
