@@ -145,6 +145,29 @@ def test_a_step_over_ground_that_became_known_ends_early() -> None:
     assert math.dist(plan.target_m[0], target) > 0.5
 
 
+def test_the_strip_a_peer_is_about_to_fly_is_left_to_it_for_a_while() -> None:
+    def heading_deg(heard_s: float | None) -> float:
+        explorer = lone(peer_weight=0.0, social=0.0)
+        step(explorer, np.zeros(2))
+        for x in range(1, 40):  # seven of the eight headings lead over known ground
+            for turn in range(1, 8):
+                angle = turn * math.pi / 4.0
+                explorer.memory.sweep(
+                    [0.0, 0.0], [0.2 * x * math.cos(angle), 0.2 * x * math.sin(angle)]
+                )
+        if heard_s is not None:
+            explorer.hear_peer(2, 1.0, [0.7, 0.0], [0.0, 0.0], [9.0, 0.0])
+            explorer.hear_summary(2, b"\x01")
+            explorer._now += heard_s
+        explorer.decide()
+        assert explorer.target_m is not None
+        return math.degrees(math.atan2(explorer.target_m[1], explorer.target_m[0]))
+
+    assert abs(heading_deg(None)) < 1.0
+    assert abs(heading_deg(5.0)) > 10.0
+    assert abs(heading_deg(61.0)) < 1.0
+
+
 def test_a_front_beam_that_the_map_explains_is_left_to_the_map() -> None:
     explorer = lone(avoid_distance_m=0.9)
     step(explorer, np.zeros(2))
@@ -198,7 +221,7 @@ def test_lengths_follow_the_footprint() -> None:
     assert paper_params(levy_min_m=1.0).levy_min_m == 1.0
     assert PlannerParams().social == 2.0
     hall = PlannerParams(kind="explore", dimensions=3, candidates=12)
-    assert (hall.levy_min_m, hall.levy_max_m, hall.cell_m) == pytest.approx((2.0, 20.0, 0.5))
+    assert (hall.levy_min_m, hall.levy_max_m, hall.cell_m) == pytest.approx((1.0, 6.0, 0.5))
     assert (hall.candidates, hall.footprint_shape) == (12, "disc")
 
 
