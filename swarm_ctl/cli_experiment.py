@@ -126,9 +126,9 @@ def _bar() -> Iterator[Callable[[int, int, str], None]]:
     """Show a bar; gives what is called with trials done, trials in all and a few words."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bar:
-        task = bar.add_task("trials", total=None)
+        task = bar.add_task("trials", total=None, visible=False)
         yield lambda done, total, words: bar.update(
-            task, completed=done, total=total, description=words
+            task, completed=done, total=total, description=words, visible=True
         )
 
 
