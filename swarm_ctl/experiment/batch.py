@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from swarm_ctl.experiment import walls
-from swarm_ctl.experiment.case import FAILS, TINY, Bools, Case, Counts, Field
+from swarm_ctl.experiment.case import FAILS, TINY, Case, Counts, Field
 from swarm_ctl.experiment.hot import Tools, compiled, has_numba, interpreted
 from swarm_ctl.experiment.minds import make_minds
 from swarm_ctl.experiment.room import Room
-from swarm_ctl.explore.chance import Floats
+from swarm_ctl.explore.chance import Bools, Floats
 from swarm_ctl.explore.planner import RANGE_ORDER
 
 __all__ = ["Case", "Field", "Outcome", "has_numba", "simulate"]

@@ -8,10 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.explore.chance import Floats
+from swarm_ctl.explore.chance import Bools, Floats
 from swarm_ctl.explore.planner import PlannerParams
 
-Bools = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 
 TINY = 1e-12

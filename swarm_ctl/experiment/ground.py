@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.experiment.case import Bools, Case, Counts
+from swarm_ctl.experiment.case import Case, Counts
 from swarm_ctl.experiment.room import Room
-from swarm_ctl.explore.chance import Floats
+from swarm_ctl.explore.chance import Bools, Floats
 
 Jit = Callable[[Callable[..., Any]], Callable[..., Any]]
 

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm_ctl.experiment import walls
-from swarm_ctl.experiment.case import TINY, Bools, Case, Counts
+from swarm_ctl.experiment.case import TINY, Case, Counts
 from swarm_ctl.experiment.ground import CompiledGround, Ground
 from swarm_ctl.experiment.room import Room
 from swarm_ctl.explore import rows
-from swarm_ctl.explore.chance import Floats, Rows
+from swarm_ctl.explore.chance import Bools, Floats, Rows
 
 
 def has_numba() -> bool:

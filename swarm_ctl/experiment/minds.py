@@ -7,10 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.experiment.case import Bools, Case
+from swarm_ctl.experiment.case import Case
 from swarm_ctl.experiment.odometry import Odometry
 from swarm_ctl.explore import rows
-from swarm_ctl.explore.chance import Floats
+from swarm_ctl.explore.chance import Bools, Floats
 from swarm_ctl.explore.explorer import Explorer
 from swarm_ctl.explore.planner import RANGE_ORDER, Planner
 

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from swarm_ctl.experiment.case import Bools, Case
-from swarm_ctl.explore.chance import Floats, Rows
+from swarm_ctl.experiment.case import Case
+from swarm_ctl.explore.chance import Bools, Floats, Rows
 
 _STARTS = 1_000_000
 """In the place of a robot's index: the generator of a trial's starts. Not 0, which numpy's

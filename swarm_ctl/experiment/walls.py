@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from swarm_ctl.experiment.case import Bools, overlaps
-from swarm_ctl.explore.chance import Floats, Rows
+from swarm_ctl.experiment.case import overlaps
+from swarm_ctl.explore.chance import Bools, Floats, Rows
 
 Corner = tuple[float, ...]
 

@@ -345,11 +345,12 @@ class Explorer:
     def _claims(self) -> list[tuple[list[float], list[float]]]:
         """Give the strips that peers were going to fly when last heard: from where to where."""
         d = self._d
-        return [
-            (seen[1 : 1 + d], seen[4 : 4 + d])
-            for seen in self._peers.values()
-            if seen[7] and self._now - seen[0] < CLAIM_S
-        ]
+        heard = self._heard(CLAIM_S)
+        return [(seen[1 : 1 + d], seen[4 : 4 + d]) for seen in heard if seen[7]]
+
+    def _heard(self, within_s: float) -> list[list[float]]:
+        """Give what is known of the peers that were heard lately."""
+        return [seen for seen in self._peers.values() if self._now - seen[0] < within_s]
 
     def _scores(self, place: list[float], directions: Floats, rated: Floats) -> Floats:
         params, swath = self.params, self._swath
@@ -379,13 +380,11 @@ class Explorer:
         self._target = [p + length * u for p, u in zip(place, direction.tolist(), strict=False)]
 
     def _pull(self, place: list[float]) -> bool:
-        """Follow the shortest known way to the nearest frontier; False when there is none."""
-        params = self.params
-        seen, d = list(self._peers.values()), self._d
-        memory_s = 3.0 * params.memory_s
+        """Follow the shortest known way to the best frontier; False when there is none."""
+        params, d = self.params, self._d
         others = Others(
-            [peer[1 : 1 + d] for peer in seen if self._now - peer[0] < FRESH_S],
-            [peer[4 : 4 + d] for peer in seen if peer[7] and self._now - peer[0] < memory_s],
+            [seen[1 : 1 + d] for seen in self._heard(FRESH_S)],
+            [seen[4 : 4 + d] for seen in self._heard(3.0 * params.memory_s) if seen[7]],
             params.target_exclusion_m,
         )
         self.searches += 1
