@@ -1,6 +1,5 @@
 """Mission files: the only reader of the YAML that says what a swarm does."""
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -10,7 +9,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.errors import MissionError
 from swarm_ctl.explore.planner import PlannerParams
-from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml
+from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, unknown_key
 
 
 class Mission(Section):
@@ -164,13 +163,10 @@ def _unknown_key(loc: Sequence[int | str]) -> str:
     """Name the nearest known key: in the same block first, then anywhere in a mission."""
     *block, last = (str(part) for part in loc)
     fields = _fields(block)
-    for names, prefix in ((fields, [*block]), (_all_keys(), [])):
-        # anywhere means its last part: `inertia` at the top level belongs to planner
-        by_last = {name.split(".")[-1]: name for name in names}
-        close = difflib.get_close_matches(last, by_last, n=1, cutoff=0.6)
-        if close:
-            return f"unknown key; did you mean {'.'.join([*prefix, by_last[close[0]]])}?"
-    return f"unknown key; known here are {', '.join(fields)}"
+    near = {name: ".".join([*block, name]) for name in fields}
+    # anywhere means its last part: `inertia` at the top level belongs to planner
+    anywhere = {name.split(".")[-1]: name for name in _all_keys()}
+    return unknown_key(last, (near, anywhere), fields)
 
 
 def _fields(block: Sequence[str]) -> list[str]:

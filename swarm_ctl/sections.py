@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -128,3 +129,15 @@ _TYPES = {
     "is_instance_of": "the path of a file",
     "path": "the path of a file",
 }
+
+
+def unknown_key(name: str, places: Iterable[Mapping[str, str]], here: Iterable[str]) -> str:
+    """Say which key was meant: places, the nearest first, tell how to say the names they know.
+
+    `here` are the names to list when nothing is like it.
+    """
+    for place in places:
+        close = difflib.get_close_matches(name, place, n=1, cutoff=0.6)
+        if close:
+            return f"unknown key; did you mean {place[close[0]]}?"
+    return f"unknown key; known here are {', '.join(here)}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations_with_replacement, product
 from pathlib import Path
@@ -15,7 +14,7 @@ from swarm_ctl.errors import MissionError
 from swarm_ctl.experiment.cell import Cell
 from swarm_ctl.experiment.specs import Experiment
 from swarm_ctl.explore.planner import PlannerParams
-from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, shown
+from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, shown, unknown_key
 
 
 class Span(Section):
@@ -151,7 +150,5 @@ def _unknown(loc: Sequence[int | str]) -> str:
 
 
 def _nearest(name: str, model: type[Section | PlannerParams]) -> str:
-    close = difflib.get_close_matches(name, model.model_fields, n=1, cutoff=0.6)
-    if close:
-        return f"unknown key; did you mean {close[0]}?"
-    return f"unknown key; known here are {', '.join(model.model_fields)}"
+    fields = model.model_fields
+    return unknown_key(name, [{field: field for field in fields}], fields)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -12,7 +11,15 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from swarm_ctl.errors import MissionError
 from swarm_ctl.experiment.cell import Cell, Energy, Paper, case_of
 from swarm_ctl.explore.planner import PlannerParams
-from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, shown
+from swarm_ctl.sections import (
+    Section,
+    cross_check,
+    first_mistake,
+    in_words,
+    read_yaml,
+    shown,
+    unknown_key,
+)
 
 
 class Experiment(Section):
@@ -123,15 +130,14 @@ def _unknown_key(loc: Sequence[int | str]) -> str:
     """Name the nearest key: of the same block first, then of any other."""
     *block, last = (str(part) for part in loc)
     here: type[BaseModel] = _BLOCKS.get(block[-1], Cell) if block else Experiment
-    for prefix, model in ((None, here), *_places()):
-        close = difflib.get_close_matches(last, model.model_fields, n=1, cutoff=0.6)
-        if close:
-            place = close[0] if prefix is None else f"{prefix}{close[0]}"
-            return f"unknown key; did you mean {place}?"
-    return f"unknown key; known here are {', '.join(here.model_fields)}"
+    places = [
+        {name: f"{prefix}{name}" for name in model.model_fields}
+        for prefix, model in (("", here), *_places())
+    ]
+    return unknown_key(last, places, here.model_fields)
 
 
-def _places() -> Iterator[tuple[str | None, type[BaseModel]]]:
+def _places() -> Iterator[tuple[str, type[BaseModel]]]:
     yield "defaults.", Cell
     for name, model in _BLOCKS.items():
         yield f"defaults.{name}.", model
