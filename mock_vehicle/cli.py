@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import typer
 
 from mock_vehicle.errors import MockVehicleError
-from mock_vehicle.faults import Fault, parse_fault
+from mock_vehicle.faults import parse_fault
 from mock_vehicle.fleet import Fleet
 from mock_vehicle.server import Port, PortError, Server
 from mock_vehicle.vehicle import personalities
@@ -28,8 +28,10 @@ SYSID_MAX = 255
 PORT_MAX = 65535
 LOCALHOST = "127.0.0.1"
 PX4_BIND, PX4_REMOTE = 14580, 14540
-"""PX4's offboard link: instance i listens on 14580 + i and calls 14540 + i."""
-ARDUPILOT_BIND, ARDUPILOT_REMOTE = 14650, 14550
+"""PX4's link to a companion: instance i listens on 14580 + i and calls 14540 + i."""
+PX4_GCS_BIND = 18570
+"""PX4's link to a ground station: instance i listens on 18570 + i."""
+ARDUPILOT_BIND, GCS_REMOTE = 14650, 14550
 """ArduPilot calls the one port of a ground station."""
 
 
@@ -41,6 +43,22 @@ class Autopilot(StrEnum):
     MIXED = "mixed"
 
 
+class Telemetry(StrEnum):
+    """How often telemetry is sent."""
+
+    FULL = "full"
+    LEAN = "lean"
+
+
+class Boot(StrEnum):
+    """How long a vehicle takes from power-on until it is ready."""
+
+    FAST = "fast"
+    REAL = "real"
+
+
+READY_S = 1.0
+"""A fast boot."""
 TRUTH_EVERY = 5
 """Reports, one a second, between two writings of the truth; one takes about 4 ms."""
 
@@ -77,6 +95,13 @@ def run(
         ),
     ] = None,
     first_sysid: Annotated[int, typer.Option(help="sysid of the first.", min=1, max=255)] = 1,
+    rates: Annotated[
+        Telemetry,
+        typer.Option(help="Telemetry as the real ones send it, or 10 Hz at most for swarms."),
+    ] = Telemetry.FULL,
+    boot: Annotated[
+        Boot, typer.Option(help="Ready to arm within a second, or as late as the real ones.")
+    ] = Boot.FAST,
     fault: Annotated[
         list[str] | None,
         typer.Option(help="What goes wrong; repeatable.", metavar="KIND:SYSID@SECONDS"),
@@ -103,8 +128,18 @@ def run(
     kinds = personalities(autopilot.value, vehicles)
     try:
         ports = plan_ports(kinds, host=host, base=port, remote=remote)
-        faults = [parse_fault(text) for text in fault or ()]
-        fleet = _fleet(world, kinds, seed=seed, first_sysid=first_sysid, faults=faults)
+        if rates is Telemetry.FULL:
+            ports += plan_gcs_ports(kinds, host=host, base=port)
+        check_sysids(first_sysid, vehicles)
+        fleet = Fleet(
+            load_world(world),
+            kinds,
+            seed=seed,
+            first_sysid=first_sysid,
+            boot_s=None if boot is Boot.REAL else READY_S,
+            rates=rates.value,
+            faults=[parse_fault(text) for text in fault or ()],
+        )
     except (MockVehicleError, ValueError, OSError) as error:
         typer.echo(f"mock-vehicle: {error}", err=True)
         raise typer.Exit(2) from None
@@ -126,7 +161,7 @@ def plan_ports(kinds: list[str], *, host: str, base: int | None, remote: str | N
         bind = first + index if first else 0
         if bind > PORT_MAX:
             raise ValueError(f"--port {base}: vehicle {index + 1} would listen beyond {PORT_MAX}")
-        default = (LOCALHOST, PX4_REMOTE + index if is_px4 else ARDUPILOT_REMOTE)
+        default = (LOCALHOST, PX4_REMOTE + index if is_px4 else GCS_REMOTE)
         ports.append(Port((host, bind), called or (default if base != 0 else None)))
     return ports
 
@@ -142,13 +177,22 @@ def parse_remote(text: str) -> tuple[str, int]:
         raise ValueError(f"--remote {text}: there is no host {host!r}") from None
 
 
-def _fleet(
-    world: Path, kinds: list[str], *, seed: int, first_sysid: int, faults: list[Fault]
-) -> Fleet:
-    last = first_sysid + len(kinds) - 1
+def plan_gcs_ports(kinds: list[str], *, host: str, base: int | None) -> list[Port]:
+    """Let PX4 call a ground station, too, as it does; only from its own simulator's ports."""
+    if base is not None:
+        return []
+    return [
+        Port((host, PX4_GCS_BIND + index), (LOCALHOST, GCS_REMOTE))
+        for index, kind in enumerate(kinds)
+        if kind == "px4"
+    ]
+
+
+def check_sysids(first: int, vehicles: int) -> None:
+    """Raise ValueError for a fleet whose last sysid is none."""
+    last = first + vehicles - 1
     if last > SYSID_MAX:
-        raise ValueError(f"--first-sysid {first_sysid}: sysids would end at {last}, not 255")
-    return Fleet(load_world(world), kinds, seed=seed, first_sysid=first_sysid, faults=faults)
+        raise ValueError(f"--first-sysid {first}: sysids would end at {last}, not 255")
 
 
 async def _serve(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.dynamics import Control, Dynamics
 from mock_vehicle.faults import (
     BATTERY_LEFT,
@@ -19,13 +20,14 @@ from mock_vehicle.faults import (
     check,
     world_faults,
 )
+from mock_vehicle.geodesy import Origin
 from mock_vehicle.radio import Radio
 from mock_vehicle.referee import PARTED_M, Referee
 from mock_vehicle.sensors.battery import Batteries
 from mock_vehicle.sensors.infrared import Infrared
 from mock_vehicle.sensors.rangefinder import BODY_RADIUS_M, RANGE_MIN_M, Rangefinders
 from mock_vehicle.sensors.readings import Readings
-from mock_vehicle.vehicle import LIMITS, Personality, Vehicle, refresh_all
+from mock_vehicle.vehicle import LIMITS, Personality, Vehicle, packed, refresh_all
 
 if TYPE_CHECKING:
     from mock_vehicle.world import World
@@ -36,7 +38,9 @@ INDICES = NDArray[np.intp]
 
 STEP_S = 0.02
 TICK_S = 0.1
-STEPS_PER_TICK = round(TICK_S / STEP_S)
+"""Time between two looks of sensors and referee."""
+FULL_STEP_S = 0.01
+"""Step at full rates: ATTITUDE of PX4 comes at 100 Hz."""
 REACH_S = 0.15
 """Whoever cannot touch anything within this time at twice its speed is not checked each step."""
 PROBES_M = 0.01 * np.eye(3)
@@ -57,9 +61,15 @@ class Fleet:
         *,
         seed: int,
         first_sysid: int = 1,
-        boot_s: float = 1.0,
+        boot_s: float | None = 1.0,
+        rates: Rates = "lean",
         faults: Sequence[Fault] = (),
     ) -> None:
+        """Put the vehicles on their starts.
+
+        They are ready to arm `boot_s` s after the start, or as late as the real ones (None).
+        `rates` "full" sends telemetry as often as the real ones, one frame per datagram.
+        """
         self.world = world
         self.personalities = list(personalities)
         self.n = len(self.personalities)
@@ -68,7 +78,12 @@ class Fleet:
         struck = [f for f in world_faults(world) if f.vehicle in {None, *self.sysids}]
         self._faults = Schedule([*struck, *faults])
         rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
-        self._build(world, personalities, seed, boot_s)
+        self.step_s = FULL_STEP_S if rates == "full" else STEP_S
+        """Mission time of one `step`."""
+        self._steps_per_sample = round(TICK_S / self.step_s)
+        self._steps_per_tick = 1 if rates == "full" else self._steps_per_sample
+        self._pack = list if rates == "full" else packed
+        self._build(world, personalities, seed, boot_s, rates)
         self._equip(world, rngs)
         self._steps = 0
         self._frozen_until = np.zeros(self.n)
@@ -76,11 +91,19 @@ class Fleet:
         first, second = np.triu_indices(self.n, 1)
         self._near_pairs: tuple[INDICES, INDICES] = (first, second)
 
-    def _build(self, world: World, personalities: Sequence[str], seed: int, boot_s: float) -> None:
+    def _build(
+        self,
+        world: World,
+        personalities: Sequence[str],
+        seed: int,
+        boot_s: float | None,
+        rates: Rates,
+    ) -> None:
         self.starts_ned_m, yaw_rad = world.starts(self.n, seed)
         limits = [LIMITS[personality] for personality in personalities]
         self.dynamics = Dynamics(self.n, self.starts_ned_m, yaw_rad, limits)
         self.readings = Readings.blank(self.n)
+        gnss = world.spec.gnss
         self.readings.range_max_m = world.spec.sensors.range_max_m
         self.readings.range_min_m = RANGE_MIN_M
         self.vehicles = [
@@ -92,6 +115,8 @@ class Fleet:
                 self.readings,
                 self.starts_ned_m[index],
                 boot_s=boot_s,
+                rates=rates,
+                origin=Origin(gnss.latitude_deg, gnss.longitude_deg, gnss.amsl_m),
                 uid=seed << 8 | sysid,
             )
             for index, (sysid, personality) in enumerate(
@@ -120,29 +145,45 @@ class Fleet:
         self._wind = _Wind(spec.wind, rngs[3])
         self.referee = Referee(world, self.vehicles, self.batteries, self.starts_ned_m)
 
-    def receive(self, index: int, data: bytes, now: float) -> None:
-        """Take a datagram that arrived at the endpoint of vehicle `index`."""
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Every link as (vehicle index, link): those to all companions first."""
+        pairs = [(link, v.index) for v in self.vehicles for link in range(v.links)]
+        return [(index, link) for link, index in sorted(pairs)]
+
+    def receive(self, index: int, data: bytes, now: float, link: int = 0) -> None:
+        """Take a datagram that arrived over a link of vehicle `index`."""
         if not self._hears(index, now):
             return
-        for frame in self.vehicles[index].receive(data, now):
+        for frame in self.vehicles[index].receive(data, now, link):
             self.radio.send(index, frame, now)
 
+    def answers(self, index: int, link: int = 0) -> list[bytes]:
+        """Take the datagrams that are ready to leave over a link, without waiting for a tick."""
+        return self._pack(self.vehicles[index].take(link))
+
     def step(self, now: float) -> list[tuple[int, bytes]]:
-        """Advance by `STEP_S` to `now`; give the datagrams (index, bytes) that leave."""
+        """Advance by `step_s` to `now`; give the datagrams (index, bytes) for the companions.
+
+        Those for ground stations wait for `answers`.
+        """
         for fault in self._faults.due(now):
             self._strike(fault, now)
         for index, frame in self.radio.carry(now):
             if self._hears(index, now):
                 self.vehicles[index].deliver(frame)
-        self.dynamics.step(STEP_S, self._wind.over(self.dynamics.on_ground))
+        self.dynamics.step(self.step_s, self._wind.over(self.dynamics.on_ground))
         self._steps += 1
         if self._steps % 2 == 0:
             self._touch_walls()
         self._touch_one_another()
-        return [] if self._steps % STEPS_PER_TICK else self._tick(now)
+        sensed = self._steps % self._steps_per_sample == 0
+        if sensed:
+            self._sample(now)
+        return [] if self._steps % self._steps_per_tick else self._tick(now, sensed=sensed)
 
-    def _tick(self, now: float) -> list[tuple[int, bytes]]:
-        """Let all sensors measure, the referee look and the autopilots speak."""
+    def _sample(self, now: float) -> None:
+        """Let all sensors measure and the referee look."""
         position = self.dynamics.position_ned_m
         gap = position[None, :, :] - position[:, None, :]
         distances = np.sqrt(np.einsum("ijk,ijk->ij", gap, gap))
@@ -154,13 +195,16 @@ class Fleet:
         self.referee.sample(now, position, airborne, distances, sightings)
         self._wind.blow(TICK_S)
         self._find_near(distances)
-        refresh_all(self.vehicles, self.dynamics, self.readings)
-        return [
-            (index, data)
-            for index, vehicle in enumerate(self.vehicles)
-            if self._hears(index, now)
-            for data in vehicle.tick(now)
-        ]
+
+    def _tick(self, now: float, *, sensed: bool) -> list[tuple[int, bytes]]:
+        """Let the autopilots steer and speak."""
+        refresh_all(self.vehicles, self.dynamics, self.readings, sensed=sensed)
+        leaving: list[tuple[int, bytes]] = []
+        for index, vehicle in enumerate(self.vehicles):
+            if self._hears(index, now):
+                vehicle.tick(now)
+                leaving += [(index, data) for data in self._pack(vehicle.take())]
+        return leaving
 
     def _read(
         self, distances: FLOATS, alive: NDArray[np.bool_], sightings: tuple[INDICES, ...]

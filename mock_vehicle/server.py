@@ -17,7 +17,7 @@ from functools import partial
 from typing import Any
 
 from mock_vehicle.errors import MockVehicleError
-from mock_vehicle.fleet import STEP_S, TICK_S, Fleet
+from mock_vehicle.fleet import TICK_S, Fleet
 
 Address = tuple[str, int]
 
@@ -56,12 +56,20 @@ class Port:
 
 @dataclass(slots=True)
 class _Endpoint:
-    """One vehicle's socket."""
+    """The socket of one vehicle's link."""
 
     socket: socket.socket
     remote: Address | None
+    vehicle: int
+    link: int
     heard: dict[Address, float] = field(default_factory=dict)
     """Senders and when they were last heard."""
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        port: int = self.socket.getsockname()[1]
+        return port
 
     def send(self, data: bytes, now: float) -> None:
         """Send to the remote and to every sender heard lately; a full buffer loses, as UDP does."""
@@ -94,9 +102,12 @@ class Server:
     """Runs a fleet on its sockets until told to stop."""
 
     def __init__(self, fleet: Fleet, ports: list[Port], *, speed: float = 1.0) -> None:
+        """Open a socket per port; they stand in the order of `fleet.places`, the last may miss."""
         self._fleet = fleet
         self._speed = speed
-        self.endpoints = [_open(port) for port in ports]
+        self.endpoints = [
+            _open(port, *place) for port, place in zip(ports, fleet.places, strict=False)
+        ]
         self.time_s = 0.0
         """Mission time."""
         self.behind_s = 0.0
@@ -109,8 +120,8 @@ class Server:
 
     @property
     def ports(self) -> list[int]:
-        """The ports the vehicles listen on."""
-        return [endpoint.socket.getsockname()[1] for endpoint in self.endpoints]
+        """The ports the vehicles listen on for their companions."""
+        return [endpoint.port for endpoint in self.endpoints[: self._fleet.n]]
 
     def ready(self) -> dict[str, Any]:
         """Say who listens where, in JSON values."""
@@ -139,8 +150,8 @@ class Server:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.stop)
-        for index, endpoint in enumerate(self.endpoints):
-            loop.add_reader(endpoint.socket, partial(self._receive, index, endpoint))
+        for endpoint in self.endpoints:
+            loop.add_reader(endpoint.socket, partial(self._receive, endpoint))
         if watch_stdin:
             self._watch_stdin(loop)
         gc.collect()
@@ -156,17 +167,18 @@ class Server:
     async def _fly(self, loop: asyncio.AbstractEventLoop, duration_s: float | None) -> None:
         """Step at absolute deadlines, a tick at most before the sockets have their turn."""
         self._started_s = loop.time()
-        steps_per_turn = round(TICK_S / STEP_S)
+        step_s = self._fleet.step_s
+        steps_per_turn = round(TICK_S / step_s)
         while not self._stopped:
             owed = self._due_s(loop.time()) - self.time_s
-            if owed > DEBT_MAX_S + STEP_S:
+            if owed > DEBT_MAX_S + step_s:
                 self._started_s += (owed - DEBT_MAX_S) / self._speed
                 self._fall_behind(owed - DEBT_MAX_S, loop.time())
-            for _ in range(min(steps_per_turn, int(owed / STEP_S + 1e-6))):
+            for _ in range(min(steps_per_turn, int(owed / step_s + 1e-6))):
                 self._step(loop.time())
                 if duration_s is not None and self.time_s >= duration_s - 1e-9:
                     return
-            rest = (self.time_s + STEP_S - self._due_s(loop.time())) / self._speed
+            rest = (self.time_s + step_s - self._due_s(loop.time())) / self._speed
             await asyncio.sleep(max(rest, 0.0))
 
     def _due_s(self, wall_s: float) -> float:
@@ -175,9 +187,15 @@ class Server:
 
     def _step(self, wall_s: float) -> None:
         self._steps += 1
-        self.time_s = self._steps * STEP_S
+        self.time_s = self._steps * self._fleet.step_s
         for index, data in self._fleet.step(self.time_s):
             self.endpoints[index].send(data, wall_s)
+        for endpoint in self.endpoints[self._fleet.n :]:
+            self._answer(endpoint, wall_s)
+
+    def _answer(self, endpoint: _Endpoint, wall_s: float) -> None:
+        for data in self._fleet.answers(endpoint.vehicle, endpoint.link):
+            endpoint.send(data, wall_s)
 
     def _fall_behind(self, dropped_s: float, wall_s: float) -> None:
         self.behind_s += dropped_s
@@ -185,12 +203,13 @@ class Server:
             self._complained_s = wall_s
             LOG.warning("falling behind real time by %.1f s so far", self.behind_s)
 
-    def _receive(self, index: int, endpoint: _Endpoint) -> None:
-        """Hand over what has arrived, at the time of its arrival and not of the last step."""
+    def _receive(self, endpoint: _Endpoint) -> None:
+        """Hand over what has arrived, at the time of its arrival, and send what is answered."""
         wall_s = asyncio.get_running_loop().time()
         now = max(self.time_s, self._due_s(wall_s))
         for data in endpoint.drain(wall_s):
-            self._fleet.receive(index, data, now)
+            self._fleet.receive(endpoint.vehicle, data, now, endpoint.link)
+            self._answer(endpoint, wall_s)
 
     def _watch_stdin(self, loop: asyncio.AbstractEventLoop) -> None:
         """Stop when whoever started us closes our input; files and /dev/null are not watched."""
@@ -220,8 +239,8 @@ async def _repeat(report: Callable[[], None]) -> None:
         report()
 
 
-def _open(port: Port) -> _Endpoint:
-    """Bind one vehicle's socket; an occupied port is a PortError."""
+def _open(port: Port, vehicle: int, link: int) -> _Endpoint:
+    """Bind the socket of a vehicle's link; an occupied port is a PortError."""
     endpoint = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     endpoint.setblocking(False)
     endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
@@ -230,4 +249,4 @@ def _open(port: Port) -> _Endpoint:
     except OSError as error:
         endpoint.close()
         raise PortError(port.bind, error.strerror or "it is taken") from None
-    return _Endpoint(endpoint, port.remote)
+    return _Endpoint(endpoint, port.remote, vehicle, link)

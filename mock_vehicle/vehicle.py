@@ -1,4 +1,4 @@
-"""One mock vehicle on the wire, sans I/O: bytes and `now` in, datagrams out."""
+"""One mock vehicle on the wire, sans I/O: bytes and `now` in, frames out."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import numpy as np
 from mock_vehicle.autopilot.ardupilot import ArduPilot
 from mock_vehicle.autopilot.base import Autopilot, State
 from mock_vehicle.autopilot.px4 import Px4
+from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.dynamics import Control, Dynamics, Limits
+from mock_vehicle.geodesy import TESTING_GROUND, Origin
 from mock_vehicle.sensors.readings import PeerFix, Readings, VictimFix
 from swarm_ctl import wire
 
@@ -27,6 +29,7 @@ MIXED = "mixed"
 
 COMPANION_COMPID = 191
 DATAGRAM_BYTES = 1400
+"""What fits into one datagram without fragments."""
 HEARTBEAT_ID = wire.message("HEARTBEAT").id
 TUNNEL_ID = wire.message("TUNNEL").id
 _STATE_COLUMNS = 17
@@ -54,7 +57,9 @@ class Vehicle:
         readings: Readings,
         home_ned_m: Sequence[float],
         *,
-        boot_s: float = 1.0,
+        boot_s: float | None = 1.0,
+        rates: Rates = "lean",
+        origin: Origin = TESTING_GROUND,
         uid: int,
     ) -> None:
         north, east, down = map(float, home_ned_m)
@@ -66,7 +71,6 @@ class Vehicle:
         """A dead vehicle falls, and answers nothing."""
         self.received = 0
         """Frames understood."""
-        self.sent_datagrams = 0
         self._dynamics = dynamics
         self.autopilot = PERSONALITIES[personality](
             sysid=sysid,
@@ -74,10 +78,16 @@ class Vehicle:
             uid=uid,
             boot_s=boot_s,
             home_ned_m=self.home_ned_m,
+            origin=origin.to_global(*self.home_ned_m),
             truth=dynamics,
+            rates=rates,
         )
-        self._parser = wire.Parser({*self.autopilot.message_table, HEARTBEAT_ID, TUNNEL_ID})
         refresh_all([self], dynamics, readings)
+
+    @property
+    def links(self) -> int:
+        """How many links it has: to its companion, and perhaps to a ground station."""
+        return len(self.autopilot.links)
 
     @property
     def armed(self) -> bool:
@@ -114,41 +124,41 @@ class Vehicle:
         autopilot.ring_m = readings.ring_m[self.index]
         autopilot.range_min_m, autopilot.range_max_m = readings.range_min_m, readings.range_max_m
 
-    def receive(self, data: bytes, now: float) -> list[bytes]:
+    def receive(self, data: bytes, now: float, link: int = 0) -> list[bytes]:
         """Obey all frames in `data`; give those of the companion that the radio broadcasts.
 
-        Answers leave with the next tick. Never raises, whatever arrives.
+        Answers wait in the outbox of the link for `answers`, or leave with the next tick. Never
+        raises, whatever arrives.
         """
         broadcast: list[bytes] = []
         if not self.alive:
             return broadcast
-        handlers = self.autopilot.message_table
-        for frame in self._parser.feed(data):
+        autopilot = self.autopilot
+        via = autopilot.links[link]
+        for frame in via.parser.feed(data):
             self.received += 1
             if frame.compid == COMPANION_COMPID and _is_broadcast(frame, self.sysid):
                 broadcast.append(frame.raw)
-            handler = handlers.get(frame.id)
-            if handler is not None:
-                handler(self.autopilot, frame, now)
+            autopilot.receive(frame, via, now)
         return broadcast
 
     def deliver(self, frame: bytes) -> None:
         """Queue a peer's frame, brought by the radio, for the companion as it is."""
         if self.alive:
-            self.autopilot.outbox.append(frame)
+            self.autopilot.links[0].outbox.append(frame)
 
-    def tick(self, now: float) -> list[bytes]:
-        """Run timers and pack answers, peers' frames and due telemetry into datagrams."""
-        outbox = self.autopilot.outbox
-        if not self.alive:
-            self._dynamics.control[self.index] = Control.OFF
-            outbox.clear()
-            return []
-        self.autopilot.tick(now)
-        datagrams = packed(outbox)
-        outbox.clear()
-        self.sent_datagrams += len(datagrams)
-        return datagrams
+    def take(self, link: int = 0) -> list[bytes]:
+        """Take the frames that wait to leave over a link."""
+        return self.autopilot.links[link].take()
+
+    def tick(self, now: float) -> None:
+        """Run timers, steer, and queue answers, peers' frames and due telemetry."""
+        if self.alive:
+            self.autopilot.tick(now)
+            return
+        self._dynamics.control[self.index] = Control.OFF
+        for link in self.autopilot.links:
+            link.outbox.clear()
 
 
 def _is_broadcast(frame: wire.Frame, sysid: int) -> bool:
@@ -176,10 +186,13 @@ def packed(frames: Sequence[bytes]) -> list[bytes]:
     return datagrams
 
 
-def refresh_all(vehicles: Sequence[Vehicle], dynamics: Dynamics, readings: Readings) -> None:
+def refresh_all(
+    vehicles: Sequence[Vehicle], dynamics: Dynamics, readings: Readings, *, sensed: bool = True
+) -> None:
     """Hand every vehicle its row of truth and readings; once per telemetry tick, before the ticks.
 
-    One bulk `tolist` instead of numpy on 3-vectors in each vehicle.
+    One bulk `tolist` instead of numpy on 3-vectors in each vehicle. `sensed` says that the sensors
+    have measured since the last time: peers and victims are told once per measurement.
     """
     homes = np.zeros_like(dynamics.position_ned_m)
     for vehicle in vehicles:
@@ -200,7 +213,8 @@ def refresh_all(vehicles: Sequence[Vehicle], dynamics: Dynamics, readings: Readi
             readings.ranges_m,
         )
     ).tolist()
-    peers, victims = readings.peers, readings.victims
     for vehicle in vehicles:
         index = vehicle.index
-        vehicle.refresh(rows[index], peers[index], victims[index], readings)
+        peers = readings.peers[index] if sensed else []
+        victims = readings.victims[index] if sensed else []
+        vehicle.refresh(rows[index], peers, victims, readings)

@@ -148,6 +148,7 @@ class UdpRun:
             "--speed": self.clock.speed,
             "--seed": mission.seed,
             "--port": 0,
+            "--rates": "lean",
             "--out": self.folder.path / TRUTH,
         }
         arguments = [str(part) for option in options.items() for part in option]

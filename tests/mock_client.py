@@ -30,7 +30,7 @@ class Client:
     """A companion computer with a mock vehicle of sysid 7 behind its link."""
 
     def __init__(
-        self, personality: Personality, *, boot_s: float = 1.0, start_ned_m: Any = None
+        self, personality: Personality, *, boot_s: float | None = 1.0, start_ned_m: Any = None
     ) -> None:
         start = [3.0, -2.0, 0.0] if start_ned_m is None else start_ned_m
         self.dynamics = Dynamics(1, [start], [0.5], [LIMITS[personality]])
@@ -83,9 +83,9 @@ class Client:
         self.before_tick()
         refresh_all([self.vehicle], self.dynamics, self.readings)
         heard = []
-        for datagram in self.vehicle.tick(self.now):
-            assert len(datagram) <= 1400
-            heard += self.oracle.parse_buffer(datagram) or []
+        self.vehicle.tick(self.now)
+        for frame in self.vehicle.take():
+            heard += self.oracle.parse_buffer(frame) or []
         self.heard += [(self.now, message) for message in heard]
         return [m for m in heard if m.get_type() == kind] if kind else heard
 
@@ -129,6 +129,10 @@ class Client:
     def velocity(self) -> Any:
         return self.dynamics.velocity_ned_m_s[0]
 
+    def amsl_m(self, height_m: float) -> float:
+        """Give the altitude of a height above its home."""
+        return self.vehicle.autopilot.origin.amsl_m + height_m
+
     def set_mode(self, number: int) -> list[tuple[int, int]]:
         """DO_SET_MODE in the autopilot's own way."""
         if self.vehicle.personality == "px4":
@@ -140,7 +144,7 @@ class Client:
         self.fly(1.5)
         self.command(511, 245, 100_000)
         if self.vehicle.personality == "px4":
-            self.command(22, NAN, NAN, NAN, NAN, NAN, NAN, height_m)
+            self.command(22, NAN, NAN, NAN, NAN, NAN, NAN, self.amsl_m(height_m))
             assert self.command(400, 1) == [(400, ACCEPTED)]
             self.fly_until(lambda: self.vehicle.mode == PX4_LOITER)
         else:

@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 from mock_vehicle.autopilot import commands, streams
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.link import Encoder
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
-from mock_vehicle.autopilot.streams import Encoder
 from mock_vehicle.autopilot.traits import (
+    Boot,
     LandedState,
     Manoeuvre,
     Mode,
@@ -88,6 +89,9 @@ STREAMS: Mapping[int, tuple[int, ...]] = {
     12: (streams.BATTERY_STATUS.id, streams.DISTANCE_SENSOR.id),
 }
 
+INTERVALS_S: Mapping[int, float] = {streams.HEARTBEAT.id: 1.0}
+"""Nothing else is sent until somebody asks."""
+
 TRAITS = Traits(
     autopilot=3,
     capabilities=64495,
@@ -96,7 +100,10 @@ TRAITS = Traits(
     modes=MODES,
     first_mode=STABILIZE,
     sensors=1131543599,
-    default_intervals_s={streams.HEARTBEAT.id: 1.0},
+    boot=Boot(
+        heartbeat_s=1.02, standby_s=2.46, gnss_s=10.1, home_s=20.0, position_s=41.5, ready_s=41.5
+    ),
+    intervals_s={"lean": (INTERVALS_S,), "full": (INTERVALS_S,)},
     fixed_streams=frozenset(),
     denial=Result.FAILED,
     arm_nan_result=Result.UNSUPPORTED,  # the real one dies of it
@@ -189,9 +196,9 @@ def on_request_data_stream(autopilot: ArduPilot, frame: wire.Frame, now: float) 
     groups = STREAMS if v.req_stream_id == STREAM_ALL else (v.req_stream_id,)
     for number in (number for group in groups for number in STREAMS.get(group, ())):
         if v.start_stop and v.req_message_rate:
-            autopilot.streams.start(number, 1.0 / v.req_message_rate, now)
+            autopilot.to[0].streams.start(number, 1.0 / v.req_message_rate, now)
         else:
-            autopilot.streams.stop(number)
+            autopilot.to[0].streams.stop(number)
 
 
 class ArduPilot(Autopilot):
@@ -226,7 +233,7 @@ class ArduPilot(Autopilot):
 
     def system_status(self, now: float) -> SystemStatus:
         """STANDBY also while armed on the ground; ACTIVE once the motors are up."""
-        if now < self.boot_s:
+        if self.uptime_s(now) < self.boot.standby_s:
             return SystemStatus.BOOT
         on_ground = self.landed_state is LandedState.ON_GROUND
         return SystemStatus.STANDBY if on_ground else SystemStatus.ACTIVE
@@ -241,7 +248,7 @@ class ArduPilot(Autopilot):
 
     def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:
         """Refuse while booting, and in modes that have no take-off."""
-        if now < self.boot_s:
+        if not self.is_ready(now):
             return ["Arm: System not initialised"]
         mode = MODES[self.mode]
         if mode.can_arm or force:

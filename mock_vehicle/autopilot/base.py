@@ -5,32 +5,37 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_vehicle.autopilot import streams
+from mock_vehicle.autopilot.link import Encoder, Link, Streams
 from mock_vehicle.autopilot.manoeuvres import FLY, NAN, NOWHERE, STILL, STOP, Setpoint, Vector, fall
-from mock_vehicle.autopilot.streams import Streams
 from mock_vehicle.autopilot.traits import (
     FLIGHT_STATES,
     LandedState,
     Manoeuvre,
+    Rates,
     Severity,
     SystemStatus,
     Traits,
 )
 from mock_vehicle.dynamics import Control, Dynamics
+from mock_vehicle.geodesy import Origin
 from swarm_ctl import wire
 
 if TYPE_CHECKING:
     from mock_vehicle.autopilot.commands import CommandHandler, MessageHandler
-    from mock_vehicle.autopilot.streams import Encoder
     from mock_vehicle.sensors.readings import PeerFix, VictimFix
 
 AUTOPILOT_COMPID = 1
 RADIO_COMPID = 68
+HEARTBEAT_ID = wire.message("HEARTBEAT").id
+TUNNEL_ID = wire.message("TUNNEL").id
 STATUSTEXT = wire.message("STATUSTEXT")
 TEXT_LENGTH = 50
 
@@ -78,17 +83,18 @@ class Autopilot(ABC):
         sysid: int,
         index: int,
         uid: int,
-        boot_s: float,
+        boot_s: float | None,
         home_ned_m: Vector,
+        origin: Origin,
         truth: Dynamics,
+        rates: Rates = "lean",
     ) -> None:
         self.sysid = sysid
         self.index = index
         self.uid = uid
-        self.boot_s = boot_s
         self.home_ned_m = home_ned_m
-        self.home_amsl_m = 0.0
-        """Altitude of home; there is no global position yet."""
+        self.origin = origin
+        """Where its local frame, and its home at the start, lie on the globe."""
         self.truth = truth
         self.state = State._make([*(0.0,) * 17, [math.inf] * 6])
         self.peers: list[PeerFix] = []
@@ -97,8 +103,22 @@ class Autopilot(ABC):
         """What the level rays read, (72,), clockwise from the nose."""
         self.range_min_m = 0.0
         self.range_max_m = 0.0
-        self.outbox: list[bytes] = []
-        self.streams = Streams(self.streamable, self.traits.default_intervals_s)
+        self._rates = rates
+        self._boot_s = boot_s
+        self._restart(0.0)
+
+    def _restart(self, now: float) -> None:
+        """Forget everything that a reboot makes an autopilot forget."""
+        self.booted_at = now
+        self.boot = self.traits.boot.within(self._boot_s)
+        """When it can do what, in seconds since boot."""
+        subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
+        self.links = [
+            Link(subscribed, Streams(self.streamable, intervals_s))
+            for intervals_s in self.traits.intervals_s[self._rates]
+        ]
+        self.to: Sequence[Link] = self.links
+        """The links that `send` serves at the moment."""
         self.mode = self.traits.first_mode
         self.armed = False
         self.landed_state = LandedState.ON_GROUND
@@ -112,13 +132,11 @@ class Autopilot(ABC):
         self.takeoff_height_m = 2.5
         self.hold_at: Vector | None = None
         """Place that the manoeuvre keeps to, once it has one."""
-        self.gcs_seen_at = -math.inf
         self._has_flown = False
-        self._manoeuvre_since = 0.0
-        self._armed_at = 0.0
-        self._idle_since = 0.0
+        self._manoeuvre_since = now
+        self._armed_at = now
+        self._idle_since = now
         self._touched_at: float | None = None
-        self._sequences = {AUTOPILOT_COMPID: 0, RADIO_COMPID: 0}
         self._text_number = 0
 
     # What personalities decide.
@@ -161,28 +179,35 @@ class Autopilot(ABC):
     def takeoff_done(self, now: float) -> None:
         """Go on after a take-off."""
 
-    def may_speak(self, now: float) -> bool:  # noqa: ARG002 - PX4 looks at the time
-        """Whether STATUSTEXT is sent at all."""
+    def may_speak(self, link: Link, now: float) -> bool:  # noqa: ARG002 - PX4 looks who listens
+        """Whether STATUSTEXT is sent over a link at all."""
         return True
 
     # Frames.
 
     def send(self, message: wire.Message, *values: object, compid: int = AUTOPILOT_COMPID) -> None:
-        """Queue a frame."""
-        sequence = self._sequences[compid]
-        self._sequences[compid] = (sequence + 1) & 0xFF
-        self.outbox.append(message.pack(sequence, self.sysid, compid, *values))
+        """Queue a frame on the links that are served at the moment."""
+        for link in self.to:
+            link.send(message, self.sysid, compid, values)
+
+    @contextmanager
+    def serving(self, *links: Link) -> Iterator[None]:
+        """Send over these links alone."""
+        before, self.to = self.to, links
+        try:
+            yield
+        finally:
+            self.to = before
 
     def say(self, severity: Severity, text: str, now: float) -> None:
         """Send a STATUSTEXT, in chunks if it is long."""
-        if not self.may_speak(now):
-            return
         chunks = [text[at : at + TEXT_LENGTH] for at in range(0, len(text), TEXT_LENGTH)]
         if len(chunks) > 1:
             self._text_number = self._text_number % 0xFFFF + 1
         number = self._text_number if len(chunks) > 1 else 0
-        for sequence, chunk in enumerate(chunks):
-            self.send(STATUSTEXT, severity, chunk, number, sequence)
+        with self.serving(*(link for link in self.links if self.may_speak(link, now))):
+            for sequence, chunk in enumerate(chunks):
+                self.send(STATUSTEXT, severity, chunk, number, sequence)
 
     def _inform(self, texts: tuple[str, ...], now: float) -> None:
         for text in texts:
@@ -190,12 +215,46 @@ class Autopilot(ABC):
 
     # Time.
 
+    def uptime_s(self, now: float) -> float:
+        """Tell the time since boot."""
+        return now - self.booted_at
+
+    def is_ready(self, now: float) -> bool:
+        """Whether the checks before arming have all passed once."""
+        return self.uptime_s(now) >= self.boot.ready_s
+
+    def has_position(self, now: float) -> bool:
+        """Whether there is an estimate of the local position."""
+        return self.uptime_s(now) >= self.boot.position_s
+
     def tick(self, now: float) -> None:
         """Run timers, steer, and queue the telemetry that is due."""
         self.advance(now)
         self._watch_ground(now)
         self.steer(now)
-        self.streams.run(self, now)
+        for link in self.links if self.uptime_s(now) >= self.boot.heartbeat_s else ():
+            self.to = (link,)
+            link.streams.run(self, now)
+        self.to = self.links[:1]
+        if self.peers:
+            streams.peers(self, now)
+        if self.victims:
+            streams.victims(self, now)
+        self.to = self.links
+
+    def receive(self, frame: wire.Frame, link: Link, now: float) -> None:
+        """Obey a frame that came over a link, and answer there."""
+        handler = self.message_table.get(frame.id)
+        if handler is not None:
+            self.to = (link,)
+            handler(self, frame, now)
+            self.to = self.links
+
+    def reboot(self, now: float) -> None:
+        """Start again, motors off, as after power-on."""
+        self.armed = False
+        self._restart(now)
+        self.steer(now)
 
     # Arming and modes.
 

@@ -76,8 +76,9 @@ def whole(value: float) -> int | None:
 
 
 def acknowledge(autopilot: Autopilot, command: Command, result: int) -> None:
-    """Send COMMAND_ACK to the sender."""
-    autopilot.send(COMMAND_ACK, command.number, result, 0, 0, command.sysid, command.compid)
+    """Send COMMAND_ACK to the sender, over every link: who asked may hear on another."""
+    with autopilot.serving(*autopilot.links):
+        autopilot.send(COMMAND_ACK, command.number, result, 0, 0, command.sysid, command.compid)
 
 
 def execute(autopilot: Autopilot, command: Command, now: float) -> None:
@@ -133,18 +134,18 @@ def set_message_interval(autopilot: Autopilot, command: Command, now: float) -> 
     if is_fixed or interval_us is None or interval_us < -1:
         return refusal
     if interval_us == -1:
-        autopilot.streams.stop(number)
+        autopilot.to[0].streams.stop(number)
     elif interval_us == 0:
-        autopilot.streams.restore(number, now)
+        autopilot.to[0].streams.restore(number, now)
     else:
-        autopilot.streams.start(number, min(interval_us * 1e-6, LONGEST_INTERVAL_S), now)
+        autopilot.to[0].streams.start(number, min(interval_us * 1e-6, LONGEST_INTERVAL_S), now)
     return Result.ACCEPTED
 
 
 def send_message_interval(autopilot: Autopilot, number: int | None, unknown_us: int) -> bool:
     """Send MESSAGE_INTERVAL and tell whether the message is known."""
     known = number in autopilot.streamable
-    interval_s = autopilot.streams.interval_s(number) if number is not None else None
+    interval_s = autopilot.to[0].streams.interval_s(number) if number is not None else None
     off_us = -1 if known else unknown_us
     interval_us = off_us if interval_s is None else round(interval_s * 1e6)
     autopilot.send(MESSAGE_INTERVAL, (number or 0) & 0xFFFF, interval_us)
@@ -206,7 +207,7 @@ def on_setpoint(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
 def on_timesync(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
     """Answer a TIMESYNC request with the time since boot, at the next tick."""
     if frame.values.tc1 == 0:
-        autopilot.send(TIMESYNC, int(now * 1e6) * 1000, frame.values.ts1)
+        autopilot.send(TIMESYNC, streams.boot_us(autopilot, now) * 1000, frame.values.ts1)
 
 
 def on_ping(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:  # noqa: ARG001
@@ -217,9 +218,9 @@ def on_ping(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:  # noq
 
 
 def on_heartbeat(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
-    """Note that a ground station listens."""
+    """Note that a ground station listens on this link."""
     if frame.values.type == GCS:
-        autopilot.gcs_seen_at = now
+        autopilot.to[0].gcs_seen_at = now
 
 
 MESSAGES: Mapping[int, MessageHandler] = {

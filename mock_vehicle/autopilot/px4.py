@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 from mock_vehicle.autopilot import commands, streams
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, rotated
-from mock_vehicle.autopilot.streams import Encoder
-from mock_vehicle.autopilot.traits import Manoeuvre, Mode, Severity, SystemStatus, Traits
+from mock_vehicle.autopilot.traits import Boot, Manoeuvre, Mode, Severity, SystemStatus, Traits
 from mock_vehicle.dynamics import GRAVITY_M_S2, UNLIMITED, Limits, Loop
 from swarm_ctl import wire
 
@@ -83,8 +83,8 @@ MAIN_MODES = frozenset(number >> 16 & 0xFF for number in MODES)
 BASE_MODE_OFFBOARD_SILENT = 1
 """Disarmed in OFFBOARD without setpoints."""
 
-DEFAULT_INTERVALS_S: Mapping[int, float] = {
-    # The offboard link; ATTITUDE, ATTITUDE_QUATERNION and LOCAL_POSITION_NED are faster there.
+LEAN_INTERVALS_S: Mapping[int, float] = {
+    # What a swarm's controller reads of the companion link, 10 Hz at most.
     streams.HEARTBEAT.id: 1.0,
     streams.ATTITUDE.id: 0.1,
     streams.ATTITUDE_QUATERNION.id: 0.1,
@@ -93,6 +93,24 @@ DEFAULT_INTERVALS_S: Mapping[int, float] = {
     streams.VFR_HUD.id: 0.1,
     streams.EXTENDED_SYS_STATE.id: 0.2,
     streams.SYS_STATUS.id: 0.2,
+    streams.BATTERY_STATUS.id: 2.0,
+}
+FULL_INTERVALS_S: Mapping[int, float] = {
+    # The link to a companion, 14540.
+    **LEAN_INTERVALS_S,
+    streams.ATTITUDE.id: 0.01,
+    streams.ATTITUDE_QUATERNION.id: 0.02,
+    streams.LOCAL_POSITION_NED.id: 1.0 / 30.0,
+}
+GCS_INTERVALS_S: Mapping[int, float] = {
+    # The link to a ground station, 14550.
+    streams.HEARTBEAT.id: 1.0,
+    streams.ATTITUDE.id: 0.02,
+    streams.ATTITUDE_QUATERNION.id: 0.02,
+    streams.LOCAL_POSITION_NED.id: 0.02,
+    streams.VFR_HUD.id: 0.25,
+    streams.EXTENDED_SYS_STATE.id: 1.0,
+    streams.SYS_STATUS.id: 1.0,
     streams.BATTERY_STATUS.id: 2.0,
 }
 
@@ -104,7 +122,10 @@ TRAITS = Traits(
     modes=MODES,
     first_mode=AUTO_LOITER,
     sensors=33570863,
-    default_intervals_s=DEFAULT_INTERVALS_S,
+    boot=Boot(
+        heartbeat_s=1.45, standby_s=1.45, gnss_s=0.55, home_s=2.5, position_s=0.6, ready_s=4.6
+    ),
+    intervals_s={"lean": (LEAN_INTERVALS_S,), "full": (FULL_INTERVALS_S, GCS_INTERVALS_S)},
     fixed_streams=frozenset({streams.HEARTBEAT.id}),
     denial=Result.TEMPORARILY_REJECTED,
     arm_nan_result=Result.ACCEPTED,
@@ -149,7 +170,7 @@ def set_mode(autopilot: Px4, command: Command, now: float) -> int:
 def takeoff(autopilot: Px4, command: Command, now: float) -> int:
     """Choose AUTO.TAKEOFF; param7 is AMSL, NaN is MIS_TAKEOFF_ALT. It does not arm."""
     latitude, longitude, altitude = command.params[4:7]
-    height = altitude - autopilot.home_amsl_m if math.isfinite(altitude) else 2.5
+    height = altitude - autopilot.origin.amsl_m if math.isfinite(altitude) else 2.5
     if latitude == longitude == 0.0:
         height = 0.0  # accepted, and never climbs (reference/clients.md, fact 19)
     autopilot.takeoff_height_m = max(height, -autopilot.state.down_m)
@@ -234,14 +255,14 @@ class Px4(Autopilot):
 
     def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:  # noqa: ARG002
         """Refuse before the boot is over, and in a mode that cannot fly."""
-        if now < self.boot_s:
+        if not self.is_ready(now):
             return ["Arming denied: Resolve system health failures first\t"]
         can_arm = self._has_setpoints(now) if self.mode == OFFBOARD else MODES[self.mode].can_arm
         return None if can_arm else []
 
-    def may_speak(self, now: float) -> bool:
-        """PX4 sends STATUSTEXT only while a ground station's heartbeat arrives."""
-        return now - self.gcs_seen_at < GCS_TIMEOUT_S
+    def may_speak(self, link: Link, now: float) -> bool:
+        """PX4 sends STATUSTEXT only while a ground station's heartbeat arrives there."""
+        return now - link.gcs_seen_at < GCS_TIMEOUT_S
 
     def choose(self, main: int, sub: int, now: float) -> int:
         """Change the mode, or give the commander's reason why not."""

@@ -1,27 +1,19 @@
-"""Telemetry: which messages are due, and what stands in them.
-
-The mock ticks at 10 Hz; a faster rate is granted as the real autopilot would, and served at 10 Hz.
-"""
+"""Telemetry: what stands in the messages that an autopilot sends of itself."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mock_vehicle.autopilot.link import Encoder
 from mock_vehicle.sensors.rangefinder import CONE_DEG, RING
 from swarm_ctl import wire
 
 if TYPE_CHECKING:
     from mock_vehicle.autopilot.base import Autopilot
-
-Encoder = Callable[["Autopilot", float], None]
-"""Sends a message, or several of one kind, of an autopilot at a time."""
-
-EARLY_S = 0.005
-"""A message due this soon is sent now: ticks are sums of floats."""
 
 ATTITUDE = wire.message("ATTITUDE")
 ATTITUDE_QUATERNION = wire.message("ATTITUDE_QUATERNION")
@@ -62,14 +54,14 @@ UNKNOWN_TEMPERATURE = 0x7FFF
 UNUSED_CELLS = (0xFFFF,) * 9
 
 
-def milliseconds(now: float) -> int:
-    """Give the time since boot as MAVLink does."""
-    return int(now * 1e3) & 0xFFFFFFFF
+def boot_ms(autopilot: Autopilot, now: float) -> int:
+    """Give the time since boot as most messages do."""
+    return int((now - autopilot.booted_at) * 1e3) & 0xFFFFFFFF
 
 
-def microseconds(now: float) -> int:
-    """Give the time since boot as MAVLink does."""
-    return int(now * 1e6)
+def boot_us(autopilot: Autopilot, now: float) -> int:
+    """Give the time since boot as the others do."""
+    return int((now - autopilot.booted_at) * 1e6)
 
 
 def centimetres(metres: float) -> int:
@@ -99,7 +91,7 @@ def attitude(autopilot: Autopilot, now: float) -> None:
     """Send ATTITUDE."""
     s = autopilot.state
     rates = (0.0, 0.0, s.yaw_rate_rad_s)
-    autopilot.send(ATTITUDE, milliseconds(now), s.roll_rad, s.pitch_rad, s.yaw_rad, *rates)
+    autopilot.send(ATTITUDE, boot_ms(autopilot, now), s.roll_rad, s.pitch_rad, s.yaw_rad, *rates)
 
 
 def attitude_quaternion(autopilot: Autopilot, now: float) -> None:
@@ -110,7 +102,7 @@ def attitude_quaternion(autopilot: Autopilot, now: float) -> None:
     cy, sy = math.cos(s.yaw_rad / 2), math.sin(s.yaw_rad / 2)
     autopilot.send(
         ATTITUDE_QUATERNION,
-        milliseconds(now),
+        boot_ms(autopilot, now),
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
         cr * sp * cy + sr * cp * sy,
@@ -124,8 +116,8 @@ def attitude_quaternion(autopilot: Autopilot, now: float) -> None:
 
 def local_position(autopilot: Autopilot, now: float) -> None:
     """Send LOCAL_POSITION_NED; while there is no estimate yet nothing is sent."""
-    if now >= autopilot.boot_s:
-        autopilot.send(LOCAL_POSITION_NED, milliseconds(now), *autopilot.state[:6])
+    if autopilot.has_position(now):
+        autopilot.send(LOCAL_POSITION_NED, boot_ms(autopilot, now), *autopilot.state[:6])
 
 
 def vfr_hud(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001 - an Encoder
@@ -134,7 +126,7 @@ def vfr_hud(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001 - an Enco
     speed = math.hypot(s.north_m_s, s.east_m_s)
     heading = int(math.degrees(s.yaw_rad)) % 360
     throttle = 50 if autopilot.flying else 0
-    height = autopilot.home_amsl_m - s.down_m
+    height = autopilot.origin.amsl_m - s.down_m
     autopilot.send(VFR_HUD, speed, speed, heading, throttle, height, -s.down_m_s)
 
 
@@ -182,7 +174,7 @@ def extended_sys_state(autopilot: Autopilot, now: float) -> None:  # noqa: ARG00
 
 def distance_sensors(autopilot: Autopilot, now: float) -> None:
     """Send the rangefinders that work; beyond max_distance there is nothing."""
-    time, send = milliseconds(now), autopilot.send
+    time, send = boot_ms(autopilot, now), autopilot.send
     reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
     nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
     for range_m, mounting in zip(autopilot.state.ranges_m, MOUNTINGS, strict=True):
@@ -202,7 +194,7 @@ def obstacle_distance(autopilot: Autopilot, now: float) -> None:
     distances = np.rint(np.where(seen, ring, 0.0) * 100.0).astype(int)
     autopilot.send(
         OBSTACLE_DISTANCE,
-        microseconds(now),
+        boot_us(autopilot, now),
         SENSOR_LASER,
         np.where(seen, distances, farthest + 1).tolist(),
         RING_SPACING_DEG,
@@ -216,7 +208,7 @@ def obstacle_distance(autopilot: Autopilot, now: float) -> None:
 
 def peers(autopilot: Autopilot, now: float) -> None:
     """Send what the radio measured of its peers: +x turned towards each, body FRD."""
-    time = milliseconds(now)
+    time = boot_ms(autopilot, now)
     for fix in autopilot.peers:
         autopilot.send(
             DISTANCE_SENSOR,
@@ -250,7 +242,7 @@ def victims(autopilot: Autopilot, now: float) -> None:
         x, y, z = fix.x_m, fix.y_m, fix.z_m
         autopilot.send(
             LANDING_TARGET,
-            microseconds(now),
+            boot_us(autopilot, now),
             fix.target_num & 0xFF,
             FRAME_BODY_FRD,
             0.0,
@@ -300,59 +292,3 @@ COMMON: Mapping[int, Encoder] = {
     OBSTACLE_DISTANCE.id: obstacle_distance,
 }
 """Messages that both autopilots stream, by id."""
-
-
-class _Stream:
-    __slots__ = ("due_s", "encode", "interval_s")
-
-    def __init__(self, encode: Encoder, interval_s: float, due_s: float) -> None:
-        self.encode = encode
-        self.interval_s = interval_s
-        self.due_s = due_s
-
-
-class Streams:
-    """The messages of one vehicle that flow by themselves, each at its interval."""
-
-    def __init__(self, table: Mapping[int, Encoder], defaults_s: Mapping[int, float]) -> None:
-        self._table = table
-        self._defaults_s = defaults_s
-        self._active = {
-            number: _Stream(table[number], interval_s, -math.inf)
-            for number, interval_s in defaults_s.items()
-        }
-
-    def interval_s(self, number: int) -> float | None:
-        """Tell the interval of a message, None when it does not flow."""
-        stream = self._active.get(number)
-        return stream.interval_s if stream else None
-
-    def start(self, number: int, interval_s: float, now: float) -> None:
-        """Let a message of the table flow."""
-        self._active[number] = _Stream(self._table[number], interval_s, now)
-
-    def stop(self, number: int) -> None:
-        """Let it flow no more."""
-        self._active.pop(number, None)
-
-    def restore(self, number: int, now: float) -> None:
-        """Give a message its default interval back."""
-        default_s = self._defaults_s.get(number)
-        if default_s is None:
-            self.stop(number)
-        else:
-            self.start(number, default_s, now)
-
-    def run(self, autopilot: Autopilot, now: float) -> None:
-        """Send what is due; fixes of peers and victims go with every tick that has them."""
-        soon = now + EARLY_S
-        for stream in self._active.values():
-            if stream.due_s <= soon:
-                stream.encode(autopilot, now)
-                stream.due_s += stream.interval_s
-                if stream.due_s <= now:
-                    stream.due_s = now + stream.interval_s
-        if autopilot.peers:
-            peers(autopilot, now)
-        if autopilot.victims:
-            victims(autopilot, now)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
+from typing import Literal
 
 from mock_vehicle.dynamics import Limits
 
@@ -75,6 +76,36 @@ class Mode:
     can_enter: bool = True
 
 
+Rates = Literal["lean", "full"]
+"""Telemetry as a swarm needs it, 10 Hz at most, or as the real autopilots send it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Boot:
+    """When an autopilot can do what, in seconds since boot; recorded."""
+
+    heartbeat_s: float
+    """The first HEARTBEAT."""
+    standby_s: float
+    """The software has started."""
+    gnss_s: float
+    """The receiver has a fix."""
+    home_s: float
+    """HOME_POSITION is known."""
+    position_s: float
+    """There is a local position."""
+    ready_s: float
+    """It may arm."""
+
+    def within(self, ready_s: float | None) -> Boot:
+        """Shorten it to be ready so soon, the heart beating from the start; None is as recorded."""
+        if ready_s is None:
+            return self
+        share = ready_s / self.ready_s
+        times = (self.standby_s, self.gnss_s, self.home_s, self.position_s, self.ready_s)
+        return Boot(0.0, *(share * time_s for time_s in times))
+
+
 @dataclass(frozen=True, slots=True)
 class Traits:
     """The numbers in which two autopilots differ; all measured, see `reference/`."""
@@ -90,8 +121,9 @@ class Traits:
     first_mode: int
     sensors: int
     """MAV_SYS_STATUS_SENSOR bits present and enabled."""
-    default_intervals_s: Mapping[int, float]
-    """Streams that flow unasked, by message id."""
+    boot: Boot
+    intervals_s: Mapping[Rates, Sequence[Mapping[int, float]]]
+    """Streams that flow unasked, by message id, for each link: companion, ground station."""
     fixed_streams: frozenset[int]
     """Message ids whose interval nobody may change."""
     denial: int

@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from mock_vehicle.geodesy import TESTING_GROUND
+
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
@@ -228,6 +230,19 @@ class SensorsSpec(_Section):
     """Standard deviation of the radio's range to a peer, m."""
 
 
+class GnssSpec(_Section):
+    """Where the world lies on the globe, and how well satellites are received there."""
+
+    latitude_deg: Annotated[Number, Field(ge=-85, le=85)] = TESTING_GROUND.latitude_deg
+    """Latitude of x = y = 0, degrees."""
+    longitude_deg: Annotated[Number, Field(ge=-180, le=180)] = TESTING_GROUND.longitude_deg
+    """Longitude of x = y = 0, degrees."""
+    amsl_m: Number = TESTING_GROUND.amsl_m
+    """Altitude of the floor above mean sea level, m."""
+    reception: Literal["present", "degraded", "denied"] = "present"
+    """Whether there is a fix, a bad one, or none, as indoors."""
+
+
 class FaultSpec(_Section):
     """Something that breaks during the run."""
 
@@ -274,5 +289,7 @@ class WorldSpec(_Section):
     """The wind."""
     sensors: SensorsSpec = SensorsSpec()
     """The other sensors."""
+    gnss: GnssSpec = GnssSpec()
+    """Place on the globe, and satellites."""
     faults: tuple[FaultSpec, ...] = ()
     """What breaks."""

@@ -69,7 +69,7 @@ def test_ardupilot_climbs_and_lands_in_the_recorded_time() -> None:
 def test_px4_climbs_and_lands_in_the_recorded_time() -> None:
     client = Client("px4")
     client.fly(1.5)
-    client.command(22, NAN, NAN, NAN, NAN, NAN, NAN, 10.0)
+    client.command(22, *(NAN,) * 6, client.amsl_m(10.0))
     client.command(400, 1)
     took_s = client.fly_until(lambda: client.height_m > 1.0)
     assert took_s == pytest.approx(5.6, abs=0.6)

@@ -47,10 +47,12 @@ def test_px4_heartbeat_is_uninit_until_it_can_arm() -> None:
 
 
 def test_ardupilot_heartbeat_follows_the_record() -> None:
-    client = Client("ardupilot")
+    client = Client("ardupilot", boot_s=None)
+    client.fly(1.0)
+    assert not client.times("HEARTBEAT")
     client.fly(0.5)
     assert client.last("HEARTBEAT").system_status == 1
-    client.fly(1.5)
+    client.fly(41.0)
     ready = client.last("HEARTBEAT")
     assert (ready.autopilot, ready.base_mode, ready.custom_mode) == (3, 81, 0)
     assert ready.system_status == 3

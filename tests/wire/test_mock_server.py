@@ -138,7 +138,8 @@ def test_a_fleet_arms_and_climbs_over_udp(
     world: Path, start: Start, meet: Meet, tmp_path: Path
 ) -> None:
     out = tmp_path / "truth"
-    mock = start(world, "--vehicles", 2, "--port", 0, "--json", "--speed", 4, "--out", out)
+    lean = ("--rates", "lean", "--speed", 4)
+    mock = start(world, "--vehicles", 2, "--port", 0, "--json", *lean, "--out", out)
     ready = mock.line()["ready"]
     assert ready["sysids"] == [1, 2]
     assert ready["world"] == "yard"

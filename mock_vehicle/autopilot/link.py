@@ -1,0 +1,96 @@
+"""One telemetry link of an autopilot: its own sequence numbers, streams and listeners."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from typing import TYPE_CHECKING
+
+from swarm_ctl import wire
+
+if TYPE_CHECKING:
+    from mock_vehicle.autopilot.base import Autopilot
+
+Encoder = Callable[["Autopilot", float], None]
+"""Sends a message, or several of one kind, of an autopilot at a time."""
+
+EARLY_S = 0.005
+"""A message due this soon is sent now: ticks are sums of floats."""
+
+
+class _Stream:
+    __slots__ = ("due_s", "encode", "interval_s")
+
+    def __init__(self, encode: Encoder, interval_s: float, due_s: float) -> None:
+        self.encode = encode
+        self.interval_s = interval_s
+        self.due_s = due_s
+
+
+class Streams:
+    """The messages that flow by themselves over one link, each at its interval."""
+
+    def __init__(self, table: Mapping[int, Encoder], defaults_s: Mapping[int, float]) -> None:
+        self._table = table
+        self._defaults_s = defaults_s
+        self._active = {
+            number: _Stream(table[number], interval_s, -math.inf)
+            for number, interval_s in defaults_s.items()
+        }
+
+    def interval_s(self, number: int) -> float | None:
+        """Tell the interval of a message, None when it does not flow."""
+        stream = self._active.get(number)
+        return stream.interval_s if stream else None
+
+    def start(self, number: int, interval_s: float, now: float) -> None:
+        """Let a message of the table flow."""
+        self._active[number] = _Stream(self._table[number], interval_s, now)
+
+    def stop(self, number: int) -> None:
+        """Let it flow no more."""
+        self._active.pop(number, None)
+
+    def restore(self, number: int, now: float) -> None:
+        """Give a message its default interval back."""
+        default_s = self._defaults_s.get(number)
+        if default_s is None:
+            self.stop(number)
+        else:
+            self.start(number, default_s, now)
+
+    def run(self, autopilot: Autopilot, now: float) -> None:
+        """Send what is due."""
+        soon = now + EARLY_S
+        for stream in self._active.values():
+            if stream.due_s <= soon:
+                stream.encode(autopilot, now)
+                stream.due_s += stream.interval_s
+                if stream.due_s <= now:
+                    stream.due_s = now + stream.interval_s
+
+
+class Link:
+    """Where one peer, or one network of peers, talks with an autopilot; sans I/O."""
+
+    def __init__(self, subscribed: Collection[int], streams: Streams) -> None:
+        self.outbox: list[bytes] = []
+        """Frames that leave next."""
+        self.streams = streams
+        self.parser = wire.Parser(subscribed)
+        self.gcs_seen_at = -math.inf
+        """When a ground station's heartbeat last came in here."""
+        self._sequences: dict[int, int] = {}
+
+    def send(
+        self, message: wire.Message, sysid: int, compid: int, values: tuple[object, ...]
+    ) -> None:
+        """Queue a frame under this link's own sequence number."""
+        sequence = self._sequences.get(compid, 0)
+        self._sequences[compid] = (sequence + 1) & 0xFF
+        self.outbox.append(message.pack(sequence, sysid, compid, *values))
+
+    def take(self) -> list[bytes]:
+        """Empty the outbox."""
+        frames, self.outbox = self.outbox, []
+        return frames
