@@ -61,6 +61,7 @@ class Vehicle:
         rates: Rates = "lean",
         origin: Origin = TESTING_GROUND,
         uid: int,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         north, east, down = map(float, home_ned_m)
         self.index = index
@@ -81,6 +82,7 @@ class Vehicle:
             origin=origin.to_global(*self.home_ned_m),
             truth=dynamics,
             rates=rates,
+            parameters=parameters,
         )
         refresh_all([self], dynamics, readings)
 
@@ -137,7 +139,7 @@ class Vehicle:
         via = autopilot.links[link]
         for frame in via.parser.feed(data):
             self.received += 1
-            if frame.compid == COMPANION_COMPID and _is_broadcast(frame, self.sysid):
+            if frame.compid == COMPANION_COMPID and _is_broadcast(frame, autopilot.sysid):
                 broadcast.append(frame.raw)
             autopilot.receive(frame, via, now)
         return broadcast

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.dynamics import Dynamics
 from mock_vehicle.sensors.readings import Readings
 from mock_vehicle.vehicle import LIMITS, Personality, Vehicle, refresh_all
@@ -30,13 +31,28 @@ class Client:
     """A companion computer with a mock vehicle of sysid 7 behind its link."""
 
     def __init__(
-        self, personality: Personality, *, boot_s: float | None = 1.0, start_ned_m: Any = None
+        self,
+        personality: Personality,
+        *,
+        boot_s: float | None = 1.0,
+        start_ned_m: Any = None,
+        rates: Rates = "lean",
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         start = [3.0, -2.0, 0.0] if start_ned_m is None else start_ned_m
         self.dynamics = Dynamics(1, [start], [0.5], [LIMITS[personality]])
         self.readings = Readings.blank(1)
         self.vehicle = Vehicle(
-            0, 7, personality, self.dynamics, self.readings, start, boot_s=boot_s, uid=4711
+            0,
+            7,
+            personality,
+            self.dynamics,
+            self.readings,
+            start,
+            boot_s=boot_s,
+            rates=rates,
+            uid=4711,
+            parameters=parameters,
         )
         self.now = 0.0
         self.mav = mavlink.MAVLink(None, srcSystem=7, srcComponent=191)

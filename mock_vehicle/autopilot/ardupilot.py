@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, streams
+from mock_vehicle.autopilot import commands, parameters, streams
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder
@@ -79,6 +79,7 @@ MODES: Mapping[int, Mode] = {
 }
 ARMING_TEXTS: Mapping[int, str] = {AUTO: "Arm: Mode requires mission"}
 
+BANNER = "ArduCopter V4.7.0-dev (2598e9d4)"
 STREAM_ALL = 0
 STREAMS: Mapping[int, tuple[int, ...]] = {
     # REQUEST_DATA_STREAM groups, as far as the mock has their messages.
@@ -205,6 +206,7 @@ class ArduPilot(Autopilot):
     """The ArduPilot personality."""
 
     traits: ClassVar[Traits] = TRAITS
+    dialect: ClassVar[parameters.Dialect] = parameters.ARDUPILOT
     command_table: ClassVar[Mapping[int, CommandHandler]] = {
         **commands.COMMANDS,
         commands.DO_SET_MODE: set_mode,
@@ -217,6 +219,7 @@ class ArduPilot(Autopilot):
     }
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
+        **parameters.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
         commands.REQUEST_DATA_STREAM.id: on_request_data_stream,
     }
@@ -225,6 +228,11 @@ class ArduPilot(Autopilot):
         **streamable,
         streams.AUTOPILOT_VERSION.id: streams.autopilot_version,
     }
+
+    @property
+    def banner(self) -> Sequence[str]:
+        """Firmware, board and frame; the record's board has an MD5 sum for a name."""
+        return (BANNER, f"M{self.uid & (1 << 124) - 1:031x}", "Frame: QUAD/PLUS")
 
     @property
     def base_mode(self) -> int:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mock_vehicle.autopilot import streams
 from mock_vehicle.autopilot.link import Encoder, Link, Streams
 from mock_vehicle.autopilot.manoeuvres import FLY, NAN, NOWHERE, STILL, STOP, Setpoint, Vector, fall
+from mock_vehicle.autopilot.parameters import Dialect, Parameters, ParameterService
 from mock_vehicle.autopilot.traits import (
     FLIGHT_STATES,
     LandedState,
@@ -68,6 +69,8 @@ class Autopilot(ABC):
     """One mock autopilot, sans I/O; frames to send pile up in `outbox`."""
 
     traits: ClassVar[Traits]
+    dialect: ClassVar[Dialect]
+    """How it speaks of parameters."""
     command_table: ClassVar[Mapping[int, CommandHandler]]
     """By MAV_CMD; what is not here is UNSUPPORTED."""
     message_table: ClassVar[Mapping[int, MessageHandler]]
@@ -88,6 +91,7 @@ class Autopilot(ABC):
         origin: Origin,
         truth: Dynamics,
         rates: Rates = "lean",
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         self.sysid = sysid
         self.index = index
@@ -105,11 +109,17 @@ class Autopilot(ABC):
         self.range_max_m = 0.0
         self._rates = rates
         self._boot_s = boot_s
+        self.parameters = Parameters(
+            self.dialect, {**(parameters or {}), self.dialect.sysid: sysid}
+        )
+        """As they are stored; `set_parameter` changes them."""
         self._restart(0.0)
 
     def _restart(self, now: float) -> None:
         """Forget everything that a reboot makes an autopilot forget."""
         self.booted_at = now
+        self.sysid = self.parameters.sysid or self.sysid
+        self.parameter_service = ParameterService(self.parameters)
         self.boot = self.traits.boot.within(self._boot_s)
         """When it can do what, in seconds since boot."""
         subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
@@ -179,6 +189,11 @@ class Autopilot(ABC):
     def takeoff_done(self, now: float) -> None:
         """Go on after a take-off."""
 
+    @property
+    def banner(self) -> Sequence[str]:
+        """What it says of itself before a list of parameters."""
+        return ()
+
     def may_speak(self, link: Link, now: float) -> bool:  # noqa: ARG002 - PX4 looks who listens
         """Whether STATUSTEXT is sent over a link at all."""
         return True
@@ -235,6 +250,8 @@ class Autopilot(ABC):
         for link in self.links if self.uptime_s(now) >= self.boot.heartbeat_s else ():
             self.to = (link,)
             link.streams.run(self, now)
+        self.to = self.links
+        self.parameter_service.run(self, now)
         self.to = self.links[:1]
         if self.peers:
             streams.peers(self, now)
@@ -255,6 +272,10 @@ class Autopilot(ABC):
         self.armed = False
         self._restart(now)
         self.steer(now)
+
+    def set_parameter(self, name: str, value: float) -> None:
+        """Store a parameter; a sysid counts from the next boot on."""
+        self.parameters[name] = value
 
     # Arming and modes.
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, streams
+from mock_vehicle.autopilot import commands, parameters, streams
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder, Link
@@ -198,6 +198,7 @@ class Px4(Autopilot):
     """The PX4 personality."""
 
     traits: ClassVar[Traits] = TRAITS
+    dialect: ClassVar[parameters.Dialect] = parameters.PX4
     command_table: ClassVar[Mapping[int, CommandHandler]] = {
         **commands.COMMANDS,
         commands.DO_SET_MODE: set_mode,
@@ -209,6 +210,7 @@ class Px4(Autopilot):
     }
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
+        **parameters.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
         commands.PING.id: commands.on_ping,
     }
