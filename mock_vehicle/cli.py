@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import itertools
 import json
 import logging
-import socket
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -20,19 +21,12 @@ import typer
 from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import parse_fault
 from mock_vehicle.fleet import Fleet
+from mock_vehicle.ports import plan_gcs_ports, plan_ports
 from mock_vehicle.server import Port, PortError, Server
 from mock_vehicle.vehicle import personalities
 from mock_vehicle.world import WorldSpec, load_world
 
 SYSID_MAX = 255
-PORT_MAX = 65535
-LOCALHOST = "127.0.0.1"
-PX4_BIND, PX4_REMOTE = 14580, 14540
-"""PX4's link to a companion: instance i listens on 14580 + i and calls 14540 + i."""
-PX4_GCS_BIND = 18570
-"""PX4's link to a ground station: instance i listens on 18570 + i."""
-ARDUPILOT_BIND, GCS_REMOTE = 14650, 14550
-"""ArduPilot calls the one port of a ground station."""
 
 
 class Autopilot(StrEnum):
@@ -151,43 +145,6 @@ def run(
         raise typer.Exit(2) from None
 
 
-def plan_ports(kinds: list[str], *, host: str, base: int | None, remote: str | None) -> list[Port]:
-    """Give every vehicle the ports of its autopilot's own simulator, unless told otherwise."""
-    called = parse_remote(remote) if remote is not None else None
-    ports: list[Port] = []
-    for index, kind in enumerate(kinds):
-        is_px4 = kind == "px4"
-        first = (PX4_BIND if is_px4 else ARDUPILOT_BIND) if base is None else base
-        bind = first + index if first else 0
-        if bind > PORT_MAX:
-            raise ValueError(f"--port {base}: vehicle {index + 1} would listen beyond {PORT_MAX}")
-        default = (LOCALHOST, PX4_REMOTE + index if is_px4 else GCS_REMOTE)
-        ports.append(Port((host, bind), called or (default if base != 0 else None)))
-    return ports
-
-
-def parse_remote(text: str) -> tuple[str, int]:
-    """Read HOST:PORT; the host becomes an address here, never while flying."""
-    host, colon, port = text.rpartition(":")
-    if not colon or not port.isdecimal() or not 0 < int(port) <= PORT_MAX:
-        raise ValueError(f"--remote {text}: expected HOST:PORT, as 127.0.0.1:14540")
-    try:
-        return socket.gethostbyname(host), int(port)
-    except OSError:
-        raise ValueError(f"--remote {text}: there is no host {host!r}") from None
-
-
-def plan_gcs_ports(kinds: list[str], *, host: str, base: int | None) -> list[Port]:
-    """Let PX4 call a ground station, too, as it does; only from its own simulator's ports."""
-    if base is not None:
-        return []
-    return [
-        Port((host, PX4_GCS_BIND + index), (LOCALHOST, GCS_REMOTE))
-        for index, kind in enumerate(kinds)
-        if kind == "px4"
-    ]
-
-
 def check_sysids(first: int, vehicles: int) -> None:
     """Raise ValueError for a fleet whose last sysid is none."""
     last = first + vehicles - 1
@@ -207,6 +164,11 @@ async def _serve(
     """Fly; write the truth at the end, and every few seconds in case the end never comes."""
     server = Server(fleet, ports, speed=speed)
     watch_stdin = show is _show_json
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, server.stop)
+    gc.collect()
+    gc.freeze()
     reports = itertools.count(1)
     with show(fleet, server) as report:
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import logging
 import math
 import os
-import signal
 import socket
 import sys
 from collections.abc import Callable, Iterator
@@ -64,6 +62,10 @@ class _Endpoint:
     link: int
     heard: dict[Address, float] = field(default_factory=dict)
     """Senders and when they were last heard."""
+    arrived: int = 0
+    """Datagrams read."""
+    sent: int = 0
+    """Datagrams sent, to whomever."""
 
     @property
     def port(self) -> int:
@@ -84,6 +86,7 @@ class _Endpoint:
     def _send(self, data: bytes, address: Address) -> None:
         with contextlib.suppress(OSError):
             self.socket.sendto(data, address)
+            self.sent += 1
 
     def drain(self, now: float) -> Iterator[bytes]:
         """Read what has arrived, up to a bound."""
@@ -95,6 +98,7 @@ class _Endpoint:
             except OSError:  # an ICMP error of an earlier send
                 continue
             self.heard[address] = now
+            self.arrived += 1
             yield data
 
 
@@ -102,11 +106,11 @@ class Server:
     """Runs a fleet on its sockets until told to stop."""
 
     def __init__(self, fleet: Fleet, ports: list[Port], *, speed: float = 1.0) -> None:
-        """Open a socket per port; they stand in the order of `fleet.places`, the last may miss."""
+        """Open a socket per port; ports stand in the order of `fleet.places`."""
         self._fleet = fleet
         self._speed = speed
         self.endpoints = [
-            _open(port, *place) for port, place in zip(ports, fleet.places, strict=False)
+            _open(port, *place) for port, place in zip(ports, fleet.places, strict=True)
         ]
         self.time_s = 0.0
         """Mission time."""
@@ -136,7 +140,7 @@ class Server:
         }
 
     def stop(self) -> None:
-        """End `run` after the current step."""
+        """End `run` after the current step; any thread may ask."""
         self._stopped = True
 
     async def run(
@@ -146,16 +150,12 @@ class Server:
         report: Callable[[], None] = lambda: None,
         watch_stdin: bool = False,
     ) -> None:
-        """Fly until stopped by a signal, a closed stdin, `stop` or the end of `duration_s`."""
+        """Fly until stopped by a closed stdin, `stop` or the end of `duration_s`."""
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, self.stop)
         for endpoint in self.endpoints:
             loop.add_reader(endpoint.socket, partial(self._receive, endpoint))
         if watch_stdin:
             self._watch_stdin(loop)
-        gc.collect()
-        gc.freeze()
         try:
             async with asyncio.TaskGroup() as tasks:
                 reporter = tasks.create_task(_repeat(report), name="report")
@@ -229,8 +229,6 @@ class Server:
         for endpoint in self.endpoints:
             loop.remove_reader(endpoint.socket)
             endpoint.socket.close()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.remove_signal_handler(number)
 
 
 async def _repeat(report: Callable[[], None]) -> None:

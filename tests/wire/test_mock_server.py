@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mock_vehicle.cli import plan_ports
+from mock_vehicle.ports import plan_ports
 
 pytestmark = pytest.mark.wire
 
