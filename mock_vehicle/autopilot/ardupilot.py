@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, parameters, streams
+from mock_vehicle.autopilot import commands, missions, parameters, progress, streams, uploads
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
+from mock_vehicle.autopilot.plans import ARDUPILOT_RULES, PlanRules
 from mock_vehicle.autopilot.traits import (
     Boot,
     LandedState,
@@ -83,7 +84,7 @@ BANNER = "ArduCopter V4.7.0-dev (2598e9d4)"
 STREAM_ALL = 0
 STREAMS: Mapping[int, tuple[int, ...]] = {
     # REQUEST_DATA_STREAM groups, as far as the mock has their messages.
-    2: (streams.SYS_STATUS.id,),
+    2: (streams.SYS_STATUS.id, progress.MISSION_CURRENT.id),
     6: (streams.LOCAL_POSITION_NED.id,),
     10: (streams.ATTITUDE.id,),
     11: (streams.VFR_HUD.id,),
@@ -220,10 +221,18 @@ class ArduPilot(Autopilot):
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
         **parameters.MESSAGES,
+        **missions.MESSAGES,
+        uploads.MISSION_WRITE_PARTIAL_LIST.id: uploads.on_write_partial_list,
         commands.SET_MODE.id: on_set_mode,
         commands.REQUEST_DATA_STREAM.id: on_request_data_stream,
     }
-    streamable: ClassVar[Mapping[int, Encoder]] = streams.COMMON
+    streamable: ClassVar[Mapping[int, Encoder]] = {
+        **streams.COMMON,
+        progress.MISSION_CURRENT.id: progress.mission_current,
+    }
+    plan_rules: ClassVar[PlanRules] = ARDUPILOT_RULES
+    mission_mode: ClassVar[int] = AUTO
+    mission_modes: ClassVar[frozenset[int]] = frozenset({AUTO})
     requestable: ClassVar[Mapping[int, Encoder]] = {
         **streamable,
         streams.AUTOPILOT_VERSION.id: streams.autopilot_version,

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_vehicle.autopilot import streams
+from mock_vehicle.autopilot import missions, streams
 from mock_vehicle.autopilot.link import Encoder, Link, Streams
 from mock_vehicle.autopilot.manoeuvres import FLY, NAN, NOWHERE, STILL, STOP, Setpoint, Vector, fall
 from mock_vehicle.autopilot.parameters import Dialect, Parameters, ParameterService
+from mock_vehicle.autopilot.plans import PlanRules
+from mock_vehicle.autopilot.progress import Progress
 from mock_vehicle.autopilot.traits import (
     FLIGHT_STATES,
     LandedState,
@@ -25,6 +27,7 @@ from mock_vehicle.autopilot.traits import (
     SystemStatus,
     Traits,
 )
+from mock_vehicle.autopilot.transfers import Plans
 from mock_vehicle.dynamics import Control, Dynamics
 from mock_vehicle.geodesy import Origin
 from swarm_ctl import wire
@@ -79,6 +82,11 @@ class Autopilot(ABC):
     """Messages with an interval, by id."""
     requestable: ClassVar[Mapping[int, Encoder]]
     """Messages that REQUEST_MESSAGE gives, by id."""
+    plan_rules: ClassVar[PlanRules]
+    mission_mode: ClassVar[int]
+    """The mode that flies the mission."""
+    mission_modes: ClassVar[frozenset[int]]
+    """The modes in which MISSION_CURRENT.mission_mode says so."""
 
     def __init__(
         self,
@@ -107,6 +115,8 @@ class Autopilot(ABC):
         """What the level rays read, (72,), clockwise from the nose."""
         self.range_min_m = 0.0
         self.range_max_m = 0.0
+        self.plans = Plans(self.plan_rules)
+        """Missions, geofence and rally points; they survive reboots."""
         self._rates = rates
         self._boot_s = boot_s
         self.parameters = Parameters(
@@ -142,6 +152,9 @@ class Autopilot(ABC):
         self.takeoff_height_m = 2.5
         self.hold_at: Vector | None = None
         """Place that the manoeuvre keeps to, once it has one."""
+        self.plans.transfer = None
+        self.progress = Progress()
+        """How far the mission has been flown."""
         self._has_flown = False
         self._manoeuvre_since = now
         self._armed_at = now
@@ -245,6 +258,7 @@ class Autopilot(ABC):
     def tick(self, now: float) -> None:
         """Run timers, steer, and queue the telemetry that is due."""
         self.advance(now)
+        missions.watch(self, now)
         self._watch_ground(now)
         self.steer(now)
         for link in self.links if self.uptime_s(now) >= self.boot.heartbeat_s else ():

@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, parameters, streams
+from mock_vehicle.autopilot import commands, missions, parameters, progress, streams
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, rotated
+from mock_vehicle.autopilot.plans import PX4_RULES, PlanRules
 from mock_vehicle.autopilot.traits import Boot, Manoeuvre, Mode, Severity, SystemStatus, Traits
 from mock_vehicle.dynamics import GRAVITY_M_S2, UNLIMITED, Limits, Loop
 from swarm_ctl import wire
@@ -98,6 +99,7 @@ LEAN_INTERVALS_S: Mapping[int, float] = {
 FULL_INTERVALS_S: Mapping[int, float] = {
     # The link to a companion, 14540.
     **LEAN_INTERVALS_S,
+    progress.MISSION_CURRENT.id: 1.0,
     streams.ATTITUDE.id: 0.01,
     streams.ATTITUDE_QUATERNION.id: 0.02,
     streams.LOCAL_POSITION_NED.id: 1.0 / 30.0,
@@ -112,6 +114,7 @@ GCS_INTERVALS_S: Mapping[int, float] = {
     streams.EXTENDED_SYS_STATE.id: 1.0,
     streams.SYS_STATUS.id: 1.0,
     streams.BATTERY_STATUS.id: 2.0,
+    progress.MISSION_CURRENT.id: 1.0,
 }
 
 TRAITS = Traits(
@@ -211,10 +214,17 @@ class Px4(Autopilot):
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
         **parameters.MESSAGES,
+        **missions.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
         commands.PING.id: commands.on_ping,
     }
-    streamable: ClassVar[Mapping[int, Encoder]] = streams.COMMON
+    streamable: ClassVar[Mapping[int, Encoder]] = {
+        **streams.COMMON,
+        progress.MISSION_CURRENT.id: progress.mission_current,
+    }
+    plan_rules: ClassVar[PlanRules] = PX4_RULES
+    mission_mode: ClassVar[int] = AUTO_MISSION
+    mission_modes: ClassVar[frozenset[int]] = frozenset({AUTO_MISSION, AUTO_LAND})
     requestable: ClassVar[Mapping[int, Encoder]] = {
         **streamable,
         streams.AUTOPILOT_VERSION.id: streams.autopilot_version,

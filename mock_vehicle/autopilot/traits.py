@@ -35,6 +35,7 @@ class Severity(IntEnum):
     CRITICAL = 2
     WARNING = 4
     INFO = 6
+    DEBUG = 7
 
 
 class Manoeuvre(Enum):
