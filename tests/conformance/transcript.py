@@ -1,0 +1,158 @@
+"""What client and vehicle said to each other: the recorded scripts, and what in them is an answer."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from swarm_ctl import wire
+
+HERE = Path(__file__).parent
+CLIENT = (255, 190)
+"""sysid and compid of who asked in the recordings."""
+PATIENCE_S = 0.5
+"""A message that flows anyway answers a request for it within this time."""
+REQUEST_MESSAGE, SET_MESSAGE_INTERVAL = 512, 511
+ASKED_BY_COMMAND = {
+    148: {520},
+    242: {179, 410},
+    49: {179, 410},
+    300: {519},
+}
+"""Commands other than REQUEST_MESSAGE that ask for a message, by its id."""
+
+ANSWERS = frozenset(
+    {
+        "AUTOPILOT_VERSION",
+        "COMMAND_ACK",
+        "COMMAND_LONG",
+        "COMPONENT_INFORMATION",
+        "FILE_TRANSFER_PROTOCOL",
+        "LOG_ENTRY",
+        "MESSAGE_INTERVAL",
+        "MISSION_ACK",
+        "MISSION_COUNT",
+        "MISSION_ITEM",
+        "MISSION_ITEM_INT",
+        "MISSION_REQUEST",
+        "MISSION_REQUEST_INT",
+        "PARAM_ERROR",
+        "PARAM_VALUE",
+        "PROTOCOL_VERSION",
+        "STATUSTEXT",
+    }
+)
+"""Said for a reason, never by the clock."""
+
+STATES: Mapping[str, tuple[str, ...]] = {
+    "EXTENDED_SYS_STATE": ("landed_state",),
+    "GPS_GLOBAL_ORIGIN": (),
+    "HEARTBEAT": ("base_mode", "custom_mode", "system_status"),
+    "HOME_POSITION": (),
+    "MISSION_CURRENT": ("seq", "total", "mission_state", "mission_mode"),
+    "MISSION_ITEM_REACHED": ("seq",),
+}
+"""Repeated by the clock: the first one is told, and each one in which these fields changed."""
+
+
+class Said(NamedTuple):
+    """One message, at a time since boot."""
+
+    at_s: float
+    name: str
+    fields: Mapping[str, Any]
+    """Those that are not zero."""
+
+
+@dataclass(frozen=True)
+class Script:
+    """One recorded suite."""
+
+    personality: str
+    suite: str
+    requests: list[Said]
+    answers: list[Said]
+    left_out: Mapping[str, int]
+    """Frames of messages that pymavlink does not know, by name."""
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last word."""
+        return max(said.at_s for said in (*self.requests, *self.answers))
+
+
+def scripts() -> list[Script]:
+    """Read every recorded suite."""
+    return [read(path) for path in sorted(HERE.glob("*/*.json"))]
+
+
+def read(path: Path) -> Script:
+    """Read one suite and spell its repetitions out."""
+    data = json.loads(path.read_text("utf-8"))
+    requests: list[Said] = []
+    answers: list[Said] = []
+    for at_s, direction, name, fields, *repetition in data["said"]:
+        if direction == "<":
+            answers.append(Said(at_s, name, fields))
+        else:
+            requests += _repeated(Said(at_s, name, fields), *repetition)
+    requests.sort(key=lambda said: said.at_s)
+    return Script(path.parent.name, path.stem, requests, answers, data["left_out"])
+
+
+def _repeated(said: Said, times: int = 1, every_s: float = 0.0) -> Iterator[Said]:
+    for k in range(times):
+        yield said._replace(at_s=said.at_s + k * every_s)
+
+
+class Listener:
+    """Picks the answers out of everything a vehicle sends."""
+
+    def __init__(self, personality: str) -> None:
+        self._asked: dict[str, float] = {}
+        self._states: dict[str, tuple[Any, ...]] = {}
+        # ArduPilot tells these two when they are set, and streams them only when told to.
+        self._events = {"HOME_POSITION", "GPS_GLOBAL_ORIGIN"} if personality != "px4" else set()
+
+    def ask(self, request: Said) -> None:
+        """Note a request of the client."""
+        if request.name not in {"COMMAND_LONG", "COMMAND_INT"}:
+            return
+        command, wanted = request.fields.get("command", 0), request.fields.get("param1", 0)
+        numbers = [id_ for id_, commands in ASKED_BY_COMMAND.items() if command in commands]
+        if command == REQUEST_MESSAGE and wanted == wanted:  # noqa: PLR0124 - not NaN
+            numbers.append(int(wanted))
+        for number in numbers:
+            self._asked[_name(number)] = request.at_s
+        if command == SET_MESSAGE_INTERVAL and wanted == wanted:  # noqa: PLR0124 - not NaN
+            self._events.discard(_name(int(wanted)))
+
+    def hear(self, at_s: float, name: str, fields: Mapping[str, Any]) -> bool:
+        """Tell whether a message of the vehicle is an answer."""
+        asked_at_s = self._asked.pop(name, None)
+        changed = self._changed(name, fields)
+        if asked_at_s is not None and at_s - asked_at_s <= PATIENCE_S:
+            return True
+        if name == "TIMESYNC":
+            return bool(fields.get("tc1"))
+        if name == "PING":
+            return fields.get("target_system") == CLIENT[0]
+        return name in ANSWERS or name in self._events or changed
+
+    def _changed(self, name: str, fields: Mapping[str, Any]) -> bool:
+        if name not in STATES:
+            return False
+        state = tuple(fields.get(field, 0) for field in STATES[name])
+        changed = self._states.get(name) != state
+        self._states[name] = state
+        return changed
+
+
+def _name(number: int) -> str:
+    try:
+        return wire.message(number).name
+    except ValueError:
+        return str(number)
