@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from rules import IGNORED, RULES, SAME
-from transcript import STATES, Said, Script
+from rules import rule_of, without_numbers
+from transcript import STATES, Said, Script, asked_for
 
 PROMPT_S = 0.5
 """An answer within this time belongs to the request before it, others come by themselves."""
@@ -21,7 +21,6 @@ HEARTBEAT_S = 1.2
 DRIFT_S, DRIFT_FRACTION = 1.0, 0.2
 """What comes by itself may differ by so much, plus so much of its time since the last request."""
 
-_NUMBERS = re.compile(r"\b[A-Z][a-z][0-9a-f]{30}\b|-?\d+(\.\d+)?")
 _QUIET = {"HEARTBEAT", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}
 """Requests that nobody answers."""
 
@@ -38,9 +37,9 @@ class Difference(NamedTuple):
 
 @dataclass
 class Comparison:
-    """What became of one script."""
+    """What became of one suite."""
 
-    script: Script
+    suite: str
     requests: int
     answers: int
     equal: int
@@ -88,25 +87,25 @@ def compare(script: Script, answers: Sequence[Said]) -> Comparison:
     differences += _disorder(recorded, partners)
     differences.sort()
     asked = sum(request.name not in _QUIET for request in script.requests)
-    return Comparison(script, asked, len(recorded), equal, differences)
+    return Comparison(script.name, asked, len(recorded), equal, differences)
 
 
 def asker(script: Script, said: Said) -> Said | None:
-    """Find the request that an answer follows: of its own command or parameter, or the last one."""
-    last = None
-    for request in script.requests:
-        if request.at_s > said.at_s:
-            break
-        if request.name not in _QUIET and _is_about(request, said):
-            last = request
-    return last
+    """Find the request that an answer follows: one of its own kind just before it, or the last."""
+    before = [r for r in script.requests if r.name not in _QUIET and r.at_s <= said.at_s]
+    recent = (r for r in reversed(before) if said.at_s - r.at_s <= PROMPT_S)
+    return next((r for r in recent if _is_about(r, said)), before[-1] if before else None)
 
 
 def _is_about(request: Said, said: Said) -> bool:
     if said.name == "COMMAND_ACK":
         named = request.fields.get("command", 0) == said.fields.get("command", 0)
         return request.name == "SET_MODE" or (request.name.startswith("COMMAND") and named)
-    return True
+    if said.name == "PARAM_VALUE":
+        return request.fields.get("param_id") == said.fields.get("param_id")
+    if request.name.startswith("COMMAND"):
+        return said.name in asked_for(request)
+    return request.name.partition("_")[0] == said.name.partition("_")[0]
 
 
 def channel_of(said: Said) -> str:
@@ -120,14 +119,9 @@ def channel_of(said: Said) -> str:
         return f"PARAM_VALUE {fields.get('param_id', '')}"
     if said.name == "STATUSTEXT":
         return f'STATUSTEXT "{without_numbers(fields.get("text", ""))}"'
-    if "mission_type" in fields and fields["mission_type"]:
+    if fields.get("mission_type"):
         return f"{said.name} of type {fields['mission_type']}"
     return said.name
-
-
-def without_numbers(text: str) -> str:
-    """Replace numbers and board ids."""
-    return _NUMBERS.sub("#", text).strip()
 
 
 def in_words(request: Said | None) -> str:
@@ -136,7 +130,8 @@ def in_words(request: Said | None) -> str:
         return "boot"
     fields = request.fields
     if request.name.startswith("COMMAND"):
-        params = [fields.get(f"param{k}", fields.get("xyz"[k - 5 :][:1], 0)) for k in range(1, 8)]
+        names = [*(f"param{k}" for k in range(1, 8)), "x", "y", "z"]
+        params = [fields.get(name, 0) for name in names if name in fields or name < "param5"]
         while params and not params[-1]:
             params.pop()
         return f"{request.name} {fields.get('command', 0)}({', '.join(f'{p:g}' for p in params)})"
@@ -186,16 +181,8 @@ def differing(recorded: Said, mocked: Said) -> Iterable[str]:
     """Name the fields in which two messages differ by more than their rules allow."""
     for name in {**recorded.fields, **mocked.fields}:
         theirs, ours = recorded.fields.get(name, 0), mocked.fields.get(name, 0)
-        if not _agrees(recorded, name, theirs, ours):
+        if not rule_of(recorded.name, recorded.fields, name).agree(theirs, ours):
             yield name
-
-
-def _agrees(recorded: Said, name: str, theirs: Any, ours: Any) -> bool:
-    rule = RULES.get((recorded.name, name)) or RULES.get((recorded.name, "*"))
-    rule = IGNORED if ("*", name) in RULES else rule or SAME
-    if isinstance(theirs, (str, list, tuple)) or isinstance(ours, (str, list, tuple, bytes)):
-        return rule.agree_arrays(theirs, ours)
-    return rule.agree(theirs, ours)
 
 
 def _fields(recorded: _Asked, mocked: Said, channel: str) -> Iterable[Difference]:
@@ -223,8 +210,11 @@ def _unpaired(
     channel: str,
 ) -> Iterable[Difference]:
     """Tell who stays alone; a missing and an extra one that are equal came at another time."""
-    alone = list(extra)
+    fleeting = _fleeting(script.answers, missing), _fleeting(answers, extra)
+    alone = [j for j in extra if j not in fleeting[1]]
     for i in missing:
+        if i in fleeting[0]:
+            continue
         told = recorded[i].said
         twin = next((j for j in alone if not list(differing(told, answers[j]))), None)
         kind = f"{channel}{_content(told)} missing"
@@ -235,9 +225,14 @@ def _unpaired(
         yield Difference(told.at_s, kind, in_words(recorded[i].request))
     for j in alone:
         request = in_words(asker(script, answers[j]))
-        yield Difference(
-            answers[j].at_s, f"{channel}{_content(answers[j])} not recorded", request
-        )
+        yield Difference(answers[j].at_s, f"{channel}{_content(answers[j])} not recorded", request)
+
+
+def _fleeting(answers: Sequence[Said], alone: Iterable[int]) -> set[int]:
+    """Find the heartbeats of states that ended before the next one was due: it was luck."""
+    beats = [i for i, said in enumerate(answers) if said.name == "HEARTBEAT"]
+    lives_s = {i: answers[j].at_s - answers[i].at_s for i, j in pairwise(beats)}
+    return {i for i in alone if lives_s.get(i, HEARTBEAT_S) < HEARTBEAT_S}
 
 
 def _content(said: Said) -> str:
@@ -262,6 +257,5 @@ def _disorder(recorded: Sequence[_Asked], partners: Mapping[int, int]) -> Iterab
         order = [partners[i] for i in group]
         if order != sorted(order):
             told = recorded[group[0]]
-            names = ", ".join(channel_of(recorded[i].said) for i in group)
+            names = ", ".join(dict.fromkeys(channel_of(recorded[i].said) for i in group))
             yield Difference(told.said.at_s, f"other order than {names}", in_words(told.request))
-

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from transcript import CLIENT, HERE, Listener, Said
+from transcript import CLIENT, HERE, RATES, Listener, Said
 
 CLOCKS = {"ATTITUDE", "LOCAL_POSITION_NED", "SYSTEM_TIME"}
 """Messages whose time_boot_ms says when they were sent."""
@@ -22,6 +22,22 @@ REPEATED = {"HEARTBEAT", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_G
 """Runs of these are written as one line."""
 NOT_REPLAYED = {"wire"}
 """Suites whose malformed requests were not recorded."""
+
+
+UNSTEADY = {"STATUSTEXT", "PARAM_VALUE", "GPS_GLOBAL_ORIGIN", "HOME_POSITION"}
+"""What ArduPilot says once, or for a reason."""
+PX4_TIME = 0.988
+"""Seconds of PX4's simulator per second of the recorder's clock."""
+DATA_STREAMS = {
+    "stream_RAW_SENSORS": 1,
+    "stream_EXTENDED_STATUS": 2,
+    "stream_RC_CHANNELS": 3,
+    "stream_RAW_CONTROLLER": 4,
+    "stream_POSITION": 6,
+    "stream_EXTRA1": 10,
+    "stream_EXTRA2": 11,
+    "stream_EXTRA3": 12,
+}
 
 
 class Heard(NamedTuple):
@@ -36,10 +52,56 @@ class Heard(NamedTuple):
 
 def main(reference: Path) -> None:
     """Write one script per recording."""
+    for path in sorted(reference.glob("*/behaviour.json")):
+        found = rates(json.loads(path.read_text("utf-8")))
+        lines = ",\n".join(json.dumps(case) for case in found)
+        (HERE / path.parent.name / f"{RATES}.json").write_text(f"[\n{lines}\n]\n", "utf-8")
     for path in sorted(reference.glob("*/*.tlog")):
+        behaviour = json.loads((path.parent / "behaviour.json").read_text("utf-8"))
         suite = path.stem.rstrip("0123456789") if path.stem == "protocol2" else path.stem
         if suite not in NOT_REPLAYED:
-            write(HERE / path.parent.name / f"{suite}.json", *extract(path))
+            write(
+                HERE / path.parent.name / f"{suite}.json", *extract(path), setup(behaviour, suite)
+            )
+
+
+def rates(behaviour: Any) -> list[dict[str, Any]]:
+    """Find what flows how often: unasked, and after REQUEST_DATA_STREAM."""
+    if "default_streams" in behaviour:
+        links = behaviour["default_streams"]
+        return [
+            rate(name, 5.0, 20.0, links[name]["hz"], link=link)
+            for link, name in enumerate(("offboard_14540", "gcs_14550"))
+        ]
+    streams = behaviour["streams"]
+    return [
+        rate("unasked", 5.0, 14.0, behaviour["boot"]["default_rates_with_gcs_heartbeat"]),
+        rate("stream ALL", 21.0, 14.77, streams["REQUEST_DATA_STREAM_ALL_4Hz"], stream=(0, 4)),
+        *(
+            rate(name.replace("_", " ", 1), 45.0 + 10.0 * k, 3.8, streams[name], stream=(number, 5))
+            for k, (name, number) in enumerate(DATA_STREAMS.items())
+        ),
+    ]
+
+
+def rate(
+    case: str,
+    from_s: float,
+    span_s: float,
+    heard: Mapping[str, Any],
+    *,
+    link: int = 0,
+    stream: tuple[int, int] | None = None,
+) -> dict[str, Any]:
+    """Describe one measurement: when to repeat it, how long it took, messages per second."""
+    known = {m.msgname for m in mavlink.mavlink_map.values()}
+    hz = {
+        name: round(hz["hz"] if isinstance(hz, dict) else hz / PX4_TIME, 2)
+        for name, hz in heard.items()
+        if name in known and name not in UNSTEADY
+    }
+    times = {"from_s": from_s, "span_s": span_s}
+    return {"case": case, **times, "link": link, "stream": stream, "hz": hz}
 
 
 def extract(path: Path) -> tuple[list[list[Any]], Counter[str]]:
@@ -54,6 +116,17 @@ def extract(path: Path) -> tuple[list[list[Any]], Counter[str]]:
         said.append((at_s, ">" if frame.is_request else "<", Said(at_s, frame.name, frame.fields)))
     said.sort(key=lambda entry: entry[0])
     return compact(list(answers(path.parent.name, said))), left_out
+
+
+def setup(behaviour: Any, suite: str) -> dict[str, float]:
+    """Find the parameters that a suite started with."""
+    if isinstance(behaviour, dict):
+        if behaviour.get("suite") == suite:
+            return dict(behaviour["extra_params"])
+        if isinstance(behaviour.get(suite), dict) and "extra_params" in behaviour[suite]:
+            return dict(behaviour[suite]["extra_params"])
+        return next(filter(None, (setup(part, suite) for part in behaviour.values())), {})
+    return {}
 
 
 def frames(path: Path, left_out: Counter[str]) -> Iterator[Heard]:
@@ -93,8 +166,9 @@ def spare(value: Any) -> Any:
 
 
 def boot_clock(heard: Sequence[Heard]) -> Any:
-    """Make the function from the recorder's clock to the vehicle's time since boot, until it reboots."""
-    recorder_s, vehicle_s = [], []
+    """Make the function from the recorder's clock to the vehicle's time since its first boot."""
+    recorder_s: list[float] = []
+    vehicle_s: list[float] = []
     for frame in heard:
         if frame.name in CLOCKS and not frame.is_request:
             boot_s = frame.fields.get("time_boot_ms", 0) * 1e-3
@@ -157,12 +231,18 @@ def _continues(run: Sequence[Any], at_s: float) -> bool:
     return bool(gap_s < 2.0 if times == 1 else abs(gap_s - every_s) < 0.3 * every_s)
 
 
-def write(path: Path, said: Sequence[Sequence[Any]], left_out: Mapping[str, int]) -> None:
+def write(
+    path: Path,
+    said: Sequence[Sequence[Any]],
+    left_out: Mapping[str, int],
+    setup: Mapping[str, float],
+) -> None:
     """Write a script, one line per message."""
     path.parent.mkdir(exist_ok=True)
     lines = ",\n".join(json.dumps(line, separators=(",", ":")) for line in said)
-    rest = json.dumps(dict(sorted(left_out.items())))
-    path.write_text(f'{{"left_out": {rest},\n"said": [\n{lines}\n]}}\n', "utf-8")
+    counts = json.dumps(dict(sorted(left_out.items())))
+    head = f'{{"left_out": {counts},\n"setup": {json.dumps(setup)},\n"said": [\n'
+    path.write_text(f"{head}{lines}\n]}}\n", "utf-8")
 
 
 if __name__ == "__main__":

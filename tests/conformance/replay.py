@@ -12,6 +12,7 @@ from mock_vehicle.world import load_world
 from swarm_ctl import wire
 
 FIELD = Path(__file__).parent / "field.yaml"
+REAL32 = 9
 COMPANION = 0
 """The link over which the recordings were made."""
 
@@ -19,10 +20,9 @@ COMPANION = 0
 class Mock:
     """A mock vehicle as late and as talkative as the real one, and the client's end of its link."""
 
-    def __init__(self, personality: str) -> None:
-        self._fleet = Fleet(
-            load_world(FIELD), [personality], seed=1, boot_s=None, rates="full"
-        )
+    def __init__(self, personality: str, link: int = COMPANION) -> None:
+        self._link = link
+        self._fleet = Fleet(load_world(FIELD), [personality], seed=1, boot_s=None, rates="full")
         self._parser = wire.Parser(None)
         self._steps = 0
         self._sent = 0
@@ -31,8 +31,8 @@ class Mock:
         """Deliver a request, and give what the vehicle says at once."""
         data = packed(request, self._sent & 0xFF)
         self._sent += 1
-        self._fleet.receive(0, data, request.at_s, COMPANION)
-        return self._parsed(b"".join(self._fleet.answers(0, COMPANION)), request.at_s)
+        self._fleet.receive(0, data, request.at_s, self._link)
+        return self._parsed(b"".join(self._fleet.answers(0, self._link)), request.at_s)
 
     def fly(self, until_s: float) -> list[Said]:
         """Let time pass, and give what the vehicle says meanwhile."""
@@ -40,8 +40,9 @@ class Mock:
         while (self._steps + 1) * self._fleet.step_s <= until_s:
             self._steps += 1
             now = self._steps * self._fleet.step_s
-            for _, data in self._fleet.step(now):
-                heard += self._parsed(data, now)
+            to_companion = [data for _, data in self._fleet.step(now)]
+            there = to_companion if self._link == COMPANION else self._fleet.answers(0, self._link)
+            heard += self._parsed(b"".join(there), now)
         return heard
 
     def _parsed(self, data: bytes, now: float) -> list[Said]:
@@ -61,6 +62,9 @@ def packed(request: Said, sequence: int) -> bytes:
 def replay(script: Script) -> list[Said]:
     """Give the answers of the mock to the requests of a script, each sent at its recorded time."""
     mock = Mock(script.personality)
+    for name, value in script.setup.items():
+        fields = {"target_system": 1, "param_id": name, "param_value": value, "param_type": REAL32}
+        mock.send(Said(0.0, "PARAM_SET", fields))
     listener = Listener(script.personality)
     answers: list[Said] = []
 

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import zip_longest
 from typing import Any
 
-from transcript import without_numbers
-
+_NUMBERS = re.compile(r"\b[A-Z][a-z][0-9a-f]{30}\b|-?\d+(\.\d+)?")
 FLOAT32 = 1e-6
 """Relative error of numbers that were floats of 32 bits."""
+
+
+def without_numbers(text: str) -> str:
+    """Replace numbers and board ids."""
+    return _NUMBERS.sub("#", text).strip()
 
 
 @dataclass(frozen=True)
@@ -24,28 +31,27 @@ class Rule:
     """Compare texts without the numbers in them."""
 
     def agree(self, theirs: Any, ours: Any) -> bool:
-        """Compare two numbers; NaN is like NaN."""
-        if self.tolerance == math.inf:
-            return True
-        if math.isnan(theirs) or math.isnan(ours):
-            return math.isnan(theirs) and math.isnan(ours)
-        return math.isclose(theirs, ours, rel_tol=FLOAT32, abs_tol=self.tolerance)
-
-    def agree_arrays(self, theirs: Any, ours: Any) -> bool:
-        """Compare texts, or arrays whose zeros at the end may be left out."""
+        """Compare two values; zeros at the end of an array may be left out."""
         if self.tolerance == math.inf:
             return True
         if isinstance(theirs, str) or isinstance(ours, str):
             a, b = theirs or "", ours or ""
             return bool(without_numbers(a) == without_numbers(b) if self.is_text else a == b)
-        a, b = list(theirs or ()), list(ours or ())
-        length = max(len(a), len(b))
-        a, b = a + [0] * (length - len(a)), b + [0] * (length - len(b))
-        return all(self.agree(x, y) for x, y in zip(a, b, strict=True))
+        pairs = zip_longest(_listed(theirs), _listed(ours), fillvalue=0)
+        return all(self._are_close(a, b) for a, b in pairs)
+
+    def _are_close(self, a: float, b: float) -> bool:
+        """Compare two numbers; NaN is like NaN."""
+        if math.isnan(a) or math.isnan(b):
+            return math.isnan(a) and math.isnan(b)
+        return math.isclose(a, b, rel_tol=FLOAT32, abs_tol=self.tolerance)
+
+
+def _listed(value: Any) -> list[float]:
+    return list(value) if isinstance(value, (list, tuple, bytes)) else [value]
 
 
 SAME = Rule("")
-IGNORED = Rule("", math.inf)
 
 CLOCK = Rule("a clock", math.inf)
 BUILD = Rule("hashes of a build", math.inf)
@@ -54,6 +60,16 @@ PLACE_E7 = Rule("where the estimate wanders, 5 m", 500.0)
 HEIGHT_MM = Rule("where the estimate wanders, 3 m", 3000.0)
 WANDER_M = Rule("where the estimate wanders, 5 m", 5.0)
 LEVEL_RAD = Rule("attitude on the ground", 0.1)
+
+MEASURED_PARAMS = (
+    "BARO?_GND_PRESS",
+    "CAL_*",
+    "INS_*",
+    "MOT_THST_HOVER",
+    "SENS_*_OFF",
+    "STAT_*",
+)
+"""Parameters that a vehicle measures or counts; their values are noise."""
 
 RULES: Mapping[tuple[str, str], Rule] = {
     ("*", "time_boot_ms"): CLOCK,
@@ -112,3 +128,12 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("BATTERY_STATUS", "energy_consumed"): NOISE,
 }
 """(message, field) -> rule; * is every message, or every other field."""
+
+
+def rule_of(message: str, fields: Mapping[str, Any], name: str) -> Rule:
+    """Find the rule of a field."""
+    if message == "PARAM_VALUE" and name == "param_value":
+        measured = any(fnmatchcase(fields["param_id"], pattern) for pattern in MEASURED_PARAMS)
+        return NOISE if measured else SAME
+    keys = (("*", name), (message, name), (message, "*"))
+    return next((RULES[key] for key in keys if key in RULES), SAME)

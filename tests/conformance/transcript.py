@@ -1,4 +1,4 @@
-"""What client and vehicle said to each other: the recorded scripts, and what in them is an answer."""
+"""What client and vehicle said to each other, as recorded, and what in it is an answer."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from swarm_ctl import wire
 HERE = Path(__file__).parent
 CLIENT = (255, 190)
 """sysid and compid of who asked in the recordings."""
+RATES = "rates"
+"""The file of what flows unasked, beside the suites."""
 PATIENCE_S = 0.5
 """A message that flows anyway answers a request for it within this time."""
 REQUEST_MESSAGE, SET_MESSAGE_INTERVAL = 512, 511
@@ -75,8 +77,15 @@ class Script:
     suite: str
     requests: list[Said]
     answers: list[Said]
+    setup: Mapping[str, float]
+    """Parameters that were not at their defaults when the vehicle booted."""
     left_out: Mapping[str, int]
     """Frames of messages that pymavlink does not know, by name."""
+
+    @property
+    def name(self) -> str:
+        """Personality and suite."""
+        return f"{self.personality}/{self.suite}"
 
     @property
     def end_s(self) -> float:
@@ -86,7 +95,7 @@ class Script:
 
 def scripts() -> list[Script]:
     """Read every recorded suite."""
-    return [read(path) for path in sorted(HERE.glob("*/*.json"))]
+    return [read(path) for path in sorted(HERE.glob("*/*.json")) if path.stem != RATES]
 
 
 def read(path: Path) -> Script:
@@ -100,7 +109,7 @@ def read(path: Path) -> Script:
         else:
             requests += _repeated(Said(at_s, name, fields), *repetition)
     requests.sort(key=lambda said: said.at_s)
-    return Script(path.parent.name, path.stem, requests, answers, data["left_out"])
+    return Script(path.parent.name, path.stem, requests, answers, data["setup"], data["left_out"])
 
 
 def _repeated(said: Said, times: int = 1, every_s: float = 0.0) -> Iterator[Said]:
@@ -119,16 +128,10 @@ class Listener:
 
     def ask(self, request: Said) -> None:
         """Note a request of the client."""
-        if request.name not in {"COMMAND_LONG", "COMMAND_INT"}:
-            return
-        command, wanted = request.fields.get("command", 0), request.fields.get("param1", 0)
-        numbers = [id_ for id_, commands in ASKED_BY_COMMAND.items() if command in commands]
-        if command == REQUEST_MESSAGE and wanted == wanted:  # noqa: PLR0124 - not NaN
-            numbers.append(int(wanted))
-        for number in numbers:
-            self._asked[_name(number)] = request.at_s
-        if command == SET_MESSAGE_INTERVAL and wanted == wanted:  # noqa: PLR0124 - not NaN
-            self._events.discard(_name(int(wanted)))
+        for name in asked_for(request):
+            self._asked[name] = request.at_s
+        if request.fields.get("command") == SET_MESSAGE_INTERVAL:
+            self._events.discard(_name(request.fields.get("param1", 0)))
 
     def hear(self, at_s: float, name: str, fields: Mapping[str, Any]) -> bool:
         """Tell whether a message of the vehicle is an answer."""
@@ -151,8 +154,17 @@ class Listener:
         return changed
 
 
-def _name(number: int) -> str:
+def asked_for(request: Said) -> list[str]:
+    """Name the messages that a command asks for."""
+    command = request.fields.get("command")
+    if command == REQUEST_MESSAGE:
+        return [_name(request.fields.get("param1", 0))]
+    return [_name(number) for number, commands in ASKED_BY_COMMAND.items() if command in commands]
+
+
+def _name(number: float) -> str:
+    """Name a message by its id, which may be nonsense."""
     try:
-        return wire.message(number).name
+        return wire.message(int(number)).name
     except ValueError:
         return str(number)
