@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from extract_behaviour import told
+from extract_rates import rates
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from transcript import CLIENT, HERE, RATES, Listener, Said
 
@@ -22,22 +24,6 @@ REPEATED = {"HEARTBEAT", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_G
 """Runs of these are written as one line."""
 NOT_REPLAYED = {"wire"}
 """Suites whose malformed requests were not recorded."""
-
-
-UNSTEADY = {"STATUSTEXT", "PARAM_VALUE", "GPS_GLOBAL_ORIGIN", "HOME_POSITION"}
-"""What ArduPilot says once, or for a reason."""
-PX4_TIME = 0.988
-"""Seconds of PX4's simulator per second of the recorder's clock."""
-DATA_STREAMS = {
-    "stream_RAW_SENSORS": 1,
-    "stream_EXTENDED_STATUS": 2,
-    "stream_RC_CHANNELS": 3,
-    "stream_RAW_CONTROLLER": 4,
-    "stream_POSITION": 6,
-    "stream_EXTRA1": 10,
-    "stream_EXTRA2": 11,
-    "stream_EXTRA3": 12,
-}
 
 
 class Heard(NamedTuple):
@@ -53,9 +39,14 @@ class Heard(NamedTuple):
 def main(reference: Path) -> None:
     """Write one script per recording."""
     for path in sorted(reference.glob("*/behaviour.json")):
-        found = rates(json.loads(path.read_text("utf-8")))
-        lines = ",\n".join(json.dumps(case) for case in found)
-        (HERE / path.parent.name / f"{RATES}.json").write_text(f"[\n{lines}\n]\n", "utf-8")
+        behaviour = json.loads(path.read_text("utf-8"))
+        for suite, lines in told(behaviour):
+            known, left_out = understood(lines)
+            heard = sorted({line[2] for line in known if line[1] == "<"})
+            write(HERE / path.parent.name / f"{suite}.json", known, left_out, {}, heard)
+        found = rates(behaviour)
+        cases = ",\n".join(json.dumps(case) for case in found)
+        (HERE / path.parent.name / f"{RATES}.json").write_text(f"[\n{cases}\n]\n", "utf-8")
     for path in sorted(reference.glob("*/*.tlog")):
         behaviour = json.loads((path.parent / "behaviour.json").read_text("utf-8"))
         suite = path.stem.rstrip("0123456789") if path.stem == "protocol2" else path.stem
@@ -65,43 +56,17 @@ def main(reference: Path) -> None:
             )
 
 
-def rates(behaviour: Any) -> list[dict[str, Any]]:
-    """Find what flows how often: unasked, and after REQUEST_DATA_STREAM."""
-    if "default_streams" in behaviour:
-        links = behaviour["default_streams"]
-        return [
-            rate(name, 5.0, 20.0, links[name]["hz"], link=link)
-            for link, name in enumerate(("offboard_14540", "gcs_14550"))
-        ]
-    streams = behaviour["streams"]
-    return [
-        rate("unasked", 5.0, 14.0, behaviour["boot"]["default_rates_with_gcs_heartbeat"]),
-        rate("stream ALL", 21.0, 14.77, streams["REQUEST_DATA_STREAM_ALL_4Hz"], stream=(0, 4)),
-        *(
-            rate(name.replace("_", " ", 1), 45.0 + 10.0 * k, 3.8, streams[name], stream=(number, 5))
-            for k, (name, number) in enumerate(DATA_STREAMS.items())
-        ),
-    ]
+def understood(lines: Sequence[list[Any]]) -> tuple[list[list[Any]], Counter[str]]:
+    """Leave out what pymavlink does not know, and fields that are zero."""
+    names = {m.msgname for m in mavlink.mavlink_map.values()}
+    left_out = Counter(line[2] for line in lines if line[2] not in names)
+    return [[*line[:3], told_fields(line[3])] for line in lines if line[2] in names], left_out
 
 
-def rate(
-    case: str,
-    from_s: float,
-    span_s: float,
-    heard: Mapping[str, Any],
-    *,
-    link: int = 0,
-    stream: tuple[int, int] | None = None,
-) -> dict[str, Any]:
-    """Describe one measurement: when to repeat it, how long it took, messages per second."""
-    known = {m.msgname for m in mavlink.mavlink_map.values()}
-    hz = {
-        name: round(hz["hz"] if isinstance(hz, dict) else hz / PX4_TIME, 2)
-        for name, hz in heard.items()
-        if name in known and name not in UNSTEADY
-    }
-    times = {"from_s": from_s, "span_s": span_s}
-    return {"case": case, **times, "link": link, "stream": stream, "hz": hz}
+def told_fields(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Give the fields that are not zero, short."""
+    short = {name: spare(value) for name, value in values.items()}
+    return {name: value for name, value in short.items() if value not in (0, "", [])}
 
 
 def extract(path: Path) -> tuple[list[list[Any]], Counter[str]]:
@@ -149,8 +114,7 @@ def frames(path: Path, left_out: Counter[str]) -> Iterator[Heard]:
 
 def fields(message: Any) -> dict[str, Any]:
     """Give the fields that are not zero."""
-    values = {name: spare(getattr(message, name)) for name in message.fieldnames}
-    return {name: value for name, value in values.items() if value not in (0, "", [])}
+    return told_fields({name: getattr(message, name) for name in message.fieldnames})
 
 
 def spare(value: Any) -> Any:
@@ -236,12 +200,14 @@ def write(
     said: Sequence[Sequence[Any]],
     left_out: Mapping[str, int],
     setup: Mapping[str, float],
+    heard: Sequence[str] = (),
 ) -> None:
     """Write a script, one line per message."""
     path.parent.mkdir(exist_ok=True)
     lines = ",\n".join(json.dumps(line, separators=(",", ":")) for line in said)
     counts = json.dumps(dict(sorted(left_out.items())))
-    head = f'{{"left_out": {counts},\n"setup": {json.dumps(setup)},\n"said": [\n'
+    head = f'{{"left_out": {counts},\n"setup": {json.dumps(setup)},\n'
+    head += f'"heard": {json.dumps(heard)},\n"said": [\n'
     path.write_text(f"{head}{lines}\n]}}\n", "utf-8")
 
 

@@ -69,7 +69,8 @@ def replay(script: Script) -> list[Said]:
     answers: list[Said] = []
 
     def listen(heard: list[Said]) -> None:
-        answers.extend(said for said in heard if listener.hear(*said))
+        found = (said for said in heard if listener.hear(*said))
+        answers.extend(said for said in found if not script.heard or said.name in script.heard)
 
     for request in script.requests:
         listen(mock.fly(request.at_s))

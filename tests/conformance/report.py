@@ -91,6 +91,14 @@ def listing(comparison: Comparison) -> str:
     return "\n".join(lines)
 
 
+def by_kind(comparisons: Iterable[Comparison]) -> str:
+    """Count the differences that wait, of all suites together."""
+    waits: Counter[str] = Counter()
+    for c in comparisons:
+        waits.update(unexplained(c))
+    return "\n".join(f"{n:5} x {kind}" for kind, n in sorted(waits.items()))
+
+
 def main(arguments: Sequence[str]) -> None:
     """Print the comparison of the suites named, or of all."""
     wanted = [argument for argument in arguments if not argument.startswith("--")]
@@ -99,6 +107,7 @@ def main(arguments: Sequence[str]) -> None:
     ]
     for comparison in comparisons:
         print(listing(comparison))  # noqa: T201 - a command
+    print(f"## all suites, by kind\n{by_kind(comparisons)}")  # noqa: T201 - a command
     answers, equal = (sum(getattr(c, n) for c in comparisons) for n in ("answers", "equal"))
     print(f"{answers} answers compared, {equal} equal")  # noqa: T201 - a command
     if "--accept" in arguments and not wanted:

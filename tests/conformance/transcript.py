@@ -82,6 +82,9 @@ class Script:
     left_out: Mapping[str, int]
     """Frames of messages that pymavlink does not know, by name."""
 
+    heard: frozenset[str]
+    """The messages that the record tells of; none: all."""
+
     @property
     def name(self) -> str:
         """Personality and suite."""
@@ -109,7 +112,16 @@ def read(path: Path) -> Script:
         else:
             requests += _repeated(Said(at_s, name, fields), *repetition)
     requests.sort(key=lambda said: said.at_s)
-    return Script(path.parent.name, path.stem, requests, answers, data["setup"], data["left_out"])
+    answers.sort(key=lambda said: said.at_s)
+    return Script(
+        path.parent.name,
+        path.stem,
+        requests,
+        answers,
+        data["setup"],
+        data["left_out"],
+        frozenset(data["heard"]),
+    )
 
 
 def _repeated(said: Said, times: int = 1, every_s: float = 0.0) -> Iterator[Said]:
