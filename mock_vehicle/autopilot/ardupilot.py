@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, missions, parameters, progress, streams, uploads
+from mock_vehicle.autopilot import commands, ftp, missions, parameters, progress, streams, uploads
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder
@@ -223,6 +223,7 @@ class ArduPilot(Autopilot):
         **parameters.MESSAGES,
         **missions.MESSAGES,
         uploads.MISSION_WRITE_PARTIAL_LIST.id: uploads.on_write_partial_list,
+        **ftp.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
         commands.REQUEST_DATA_STREAM.id: on_request_data_stream,
     }

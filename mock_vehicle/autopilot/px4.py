@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, missions, parameters, progress, streams
+from mock_vehicle.autopilot import commands, ftp, missions, parameters, progress, streams
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder, Link
@@ -215,6 +215,7 @@ class Px4(Autopilot):
         **commands.MESSAGES,
         **parameters.MESSAGES,
         **missions.MESSAGES,
+        **ftp.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
         commands.PING.id: commands.on_ping,
     }

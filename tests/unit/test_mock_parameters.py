@@ -330,3 +330,48 @@ def test_a_parameter_that_cannot_be_is_named(name: str, value: float, reason: st
     with pytest.raises(ParameterError, match=r"^px4: ") as error:
         Station("px4", parameters={name: value})
     assert error.value.reason == reason
+
+
+# Files.
+
+
+def refusal(station: Station, opcode: int, path: bytes = b"") -> bytes:
+    """Send a file transfer request with sequence number 65535, and give the answer's payload."""
+    header = struct.pack("<HBBBBBxI", 65535, 3, opcode, len(path), 0, 0, 42)
+    payload = list((header + path).ljust(251, b"\0"))
+    station.send(mavlink.MAVLink_file_transfer_protocol_message(0, 7, 1, payload))
+    station.answers()
+    answer = station.last("FILE_TRANSFER_PROTOCOL")
+    assert (answer.target_system, answer.target_component) == (7, 191)
+    assert bytes(answer.payload[:2]) == b"\0\0"
+    assert answer.payload[5] == opcode
+    return bytes(answer.payload)
+
+
+@both
+@pytest.mark.parametrize(("opcode", "error"), [(4, 10), (5, 4), (15, 4), (7, 7), (200, 7)])
+def test_a_file_transfer_is_refused_at_once(
+    personality: Personality, opcode: int, error: int
+) -> None:
+    station = Station(personality)
+    payload = refusal(station, opcode, b"@PARAM/param.pck?withdefaults=1")
+    assert (payload[3], payload[4], payload[12]) == (129, 1, error)
+
+
+def test_ardupilot_refuses_to_list_a_directory_as_recorded() -> None:
+    payload = refusal(Station("ardupilot"), 3, b"@PARAM")
+    assert payload[3:6] + payload[12:14] == bytes([129, 2, 3, 2, 0])
+
+
+@both
+@pytest.mark.parametrize("opcode", [1, 2])
+def test_sessions_that_were_never_open_are_closed(personality: Personality, opcode: int) -> None:
+    payload = refusal(Station(personality), opcode)
+    assert payload[3:5] == bytes([128, 0])
+
+
+@both
+def test_answers_of_file_transfers_are_not_answered(personality: Personality) -> None:
+    station = Station(personality)
+    with pytest.raises(StopIteration):
+        refusal(station, 129)
