@@ -62,6 +62,8 @@ class Loop:
     """Speed wanted per position error."""
     position_accel_m_s2: float = UNLIMITED
     """Deceleration planned for when approaching a position; smaller approaches gentler."""
+    position_speed_m_s: float = UNLIMITED
+    """Fastest approach to a position; downwards `Limits.position_sink_m_s` counts, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,8 @@ class Limits:
     """Larger turns sooner."""
     yaw_gain_1_s: float
     """Turn rate wanted per heading error."""
+    position_sink_m_s: float = UNLIMITED
+    """Fastest descent towards a position."""
 
 
 class Dynamics:
@@ -108,7 +112,8 @@ class Dynamics:
         self.target_yaw_rate_rad_s: Floats = np.full(n, np.nan)
         self._thrust: Floats = np.zeros((n, 3))
         self._integral: Floats = np.zeros((n, 3))
-        self._take_coefficients(limits)
+        self._limits = list(limits)
+        self._take_coefficients(self._limits)
         self._delay = _Delay(n, self._delay_s)
         self._dt = 0.0
 
@@ -143,8 +148,9 @@ class Dynamics:
         self._approach = _SqrtController(
             gain=axes(lambda loop: loop.position_gain_1_s),
             second_order=axes(lambda loop: loop.position_accel_m_s2),
-            limit=axes(lambda loop: loop.speed_m_s),
+            limit=axes(lambda loop: min(loop.speed_m_s, loop.position_speed_m_s)),
         )
+        self._position_sink = np.array([one.position_sink_m_s for one in limits])
         self._jerk = axes(lambda loop: loop.jerk_m_s3)
         self._delay_s = axes(lambda loop: loop.delay_s)
         self._lag_s = axes(lambda loop: loop.lag_s)
@@ -166,14 +172,23 @@ class Dynamics:
         self._yaw_accel = np.array([one.yaw_accel_rad_s2 for one in limits])
         self._yaw_gain = np.array([one.yaw_gain_1_s for one in limits])
 
+    def relimit(self, index: int, limits: Limits) -> None:
+        """Let a vehicle fly within other limits from now on; delays stay as they are."""
+        self._limits[index] = limits
+        self._take_coefficients(self._limits)
+        self._scale(self._dt)
+
     def _take_step(self, dt: float) -> None:
         """Work out what depends on the size of the steps alone."""
         self._dt = dt
+        self._scale(dt)
+        self._delay.resize(dt)
+
+    def _scale(self, dt: float) -> None:
         self._integral_step = self._integral_gain * dt
         self._lag_share = np.minimum(1.0, dt / (self._lag_s + TINY))
         self._jerk_step = self._jerk * dt
         self._yaw_step = self._yaw_accel * dt
-        self._delay.resize(dt)
 
     def step(self, dt: float, wind_ned_m_s: Floats | tuple[float, float, float]) -> None:
         """Advance all vehicles by `dt` s in a wind of shape (3,) or (n, 3).
@@ -217,7 +232,9 @@ class Dynamics:
         if positioned.any():
             gap = self.target_position_ned_m - self.position_ned_m
             gap = np.where(positioned[:, None] & np.isfinite(gap), gap, 0.0)
-            wanted = wanted + self._approach(gap)
+            approach = self._approach(gap)
+            np.minimum(approach[:, 2], self._position_sink, out=approach[:, 2])
+            wanted = wanted + approach
         return _limited(wanted, np.where(wanted > 0.0, self._sink, self._climb))
 
     def _follow(self, error: Floats) -> None:

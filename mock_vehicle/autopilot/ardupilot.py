@@ -6,7 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, ftp, missions, parameters, progress, streams, uploads
+from mock_vehicle.autopilot import (
+    commands,
+    ftp,
+    missions,
+    parameters,
+    progress,
+    streams,
+    tuning,
+    uploads,
+)
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder
@@ -17,6 +26,7 @@ from mock_vehicle.autopilot.traits import (
     LandedState,
     Manoeuvre,
     Mode,
+    Return,
     Severity,
     SystemStatus,
     Traits,
@@ -39,6 +49,7 @@ LIMITS = Limits(
         drag_known=1.0,
         position_gain_1_s=1.0,  # PSC_POSXY_P
         position_accel_m_s2=1.25,
+        position_speed_m_s=10.0,  # WPNAV_SPEED
     ),
     vertical=Loop(
         velocity_gain_1_s=3.0,
@@ -53,8 +64,10 @@ LIMITS = Limits(
         drag_known=1.0,
         position_gain_1_s=1.0,
         position_accel_m_s2=0.8,
+        position_speed_m_s=2.5,  # WPNAV_SPEED_UP
     ),
     sink_m_s=6.0,
+    position_sink_m_s=1.5,  # WPNAV_SPEED_DN
     yaw_rate_rad_s=1.24,
     yaw_accel_rad_s2=2.5,
     yaw_gain_1_s=4.0,
@@ -125,6 +138,7 @@ TRAITS = Traits(
     disarms_wherever_landed=False,
     takeoff_announced_s=3.4,
     takeoff_lift_s=3.4,
+    takeoff_height_m=0.0,
     takeoff_speed_m_s=1.85,
     takeoff_gain_1_s=1.1,
     takeoff_slack_m=0.1,
@@ -133,6 +147,7 @@ TRAITS = Traits(
     setpoint_timeout_s=3.0,  # GUID_TIMEOUT
     land_speeds_m_s=((10.0, 1.5), (-math.inf, 0.5)),
     sink_m_s=2.5,
+    going_home=Return(height_m=15.0, slope=3.0, near_m=math.inf, least_climb_m=2.5, wait_s=5.0),
 )
 
 FASTEST_INTERVAL_US = 5000
@@ -206,7 +221,7 @@ def on_request_data_stream(autopilot: ArduPilot, frame: wire.Frame, now: float) 
 class ArduPilot(Autopilot):
     """The ArduPilot personality."""
 
-    traits: ClassVar[Traits] = TRAITS
+    traits: Traits = TRAITS
     dialect: ClassVar[parameters.Dialect] = parameters.ARDUPILOT
     command_table: ClassVar[Mapping[int, CommandHandler]] = {
         **commands.COMMANDS,
@@ -248,6 +263,10 @@ class ArduPilot(Autopilot):
     def base_mode(self) -> int:
         """As the mode table says."""
         return MODES[self.mode].base_mode
+
+    def tuned(self) -> Traits:
+        """Scale the recorded numbers by the parameters."""
+        return tuning.ardupilot(TRAITS, self.parameters)
 
     def system_status(self, now: float) -> SystemStatus:
         """STANDBY also while armed on the ground; ACTIVE once the motors are up."""

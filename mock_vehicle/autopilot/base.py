@@ -71,7 +71,8 @@ class State(NamedTuple):
 class Autopilot(ABC):
     """One mock autopilot, sans I/O; frames to send pile up in `outbox`."""
 
-    traits: ClassVar[Traits]
+    traits: Traits
+    """As recorded, and in each vehicle as its parameters say."""
     dialect: ClassVar[Dialect]
     """How it speaks of parameters."""
     command_table: ClassVar[Mapping[int, CommandHandler]]
@@ -130,6 +131,7 @@ class Autopilot(ABC):
         self.booted_at = now
         self.sysid = self.parameters.sysid or self.sysid
         self.parameter_service = ParameterService(self.parameters)
+        self.tune()
         self.boot = self.traits.boot.within(self._boot_s)
         """When it can do what, in seconds since boot."""
         subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
@@ -149,9 +151,11 @@ class Autopilot(ABC):
         self.setpoint_at = -math.inf
         self.setpoint_times: deque[float] = deque(maxlen=10_000)
         """Arrivals of accepted setpoints."""
-        self.takeoff_height_m = 2.5
+        self.takeoff_height_m = self.traits.takeoff_height_m
         self.hold_at: Vector | None = None
         """Place that the manoeuvre keeps to, once it has one."""
+        self.home_at: float | None = None
+        """When the manoeuvre reached home."""
         self.plans.transfer = None
         self.progress = Progress()
         """How far the mission has been flown."""
@@ -173,6 +177,10 @@ class Autopilot(ABC):
     def reported_mode(self) -> int:
         """HEARTBEAT.custom_mode."""
         return self.mode
+
+    @abstractmethod
+    def tuned(self) -> Traits:
+        """Give the numbers as the parameters say."""
 
     @abstractmethod
     def system_status(self, now: float) -> SystemStatus:
@@ -290,6 +298,13 @@ class Autopilot(ABC):
     def set_parameter(self, name: str, value: float) -> None:
         """Store a parameter; a sysid counts from the next boot on."""
         self.parameters[name] = value
+        self.tune()
+
+    def tune(self) -> None:
+        """Work out anew what the parameters decide."""
+        before, self.traits = self.traits.limits, self.tuned()
+        if self.traits.limits != before:
+            self.truth.relimit(self.index, self.traits.limits)
 
     # Arming and modes.
 
@@ -318,7 +333,7 @@ class Autopilot(ABC):
         """Start a manoeuvre anew."""
         self.manoeuvre = manoeuvre
         self._manoeuvre_since = now
-        self.hold_at = None
+        self.hold_at = self.home_at = None
         self.setpoint = STOP
         self.steer(now)
 

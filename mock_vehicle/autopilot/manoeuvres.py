@@ -19,6 +19,8 @@ NOWHERE: Vector = (NAN, NAN, NAN)
 BRAKED_M_S = 0.3
 """Slower than this a vehicle that was told to hold takes its position."""
 HOME_REACHED_M = 0.5
+CLIMBED_M = 0.3
+"""So near below its height a climb is over."""
 REACTION_S = 0.3
 """A climb is planned this far ahead: ticks, delays and jerk limits eat as much."""
 
@@ -109,14 +111,23 @@ def follow_setpoint(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
 
 
 def go_home(autopilot: Autopilot, now: float) -> None:
-    """Fly back above home at this height, then land."""
+    """Brake, climb to the height of the return, fly back above home, wait there, and land."""
     state = autopilot.state
+    distance_m = math.hypot(state.north_m, state.east_m)
     if autopilot.hold_at is None:
-        autopilot.hold_at = (0.0, 0.0, state.down_m)
-    if math.hypot(state.north_m, state.east_m) < HOME_REACHED_M:
-        autopilot.begin(Manoeuvre.LAND, now)
-    else:
-        autopilot.command(Control.POSITION, position_m=autopilot.hold_at)
+        autopilot.command(Control.VELOCITY)
+        if math.hypot(state.north_m_s, state.east_m_s) < BRAKED_M_S:
+            height_m = autopilot.traits.going_home.height(-state.down_m, distance_m)
+            autopilot.hold_at = (state.north_m, state.east_m, -height_m)
+        return
+    if state.down_m < autopilot.hold_at[2] + CLIMBED_M:
+        autopilot.hold_at = (0.0, 0.0, autopilot.hold_at[2])
+    autopilot.command(Control.POSITION, position_m=autopilot.hold_at)
+    if autopilot.hold_at[:2] == (0.0, 0.0) and distance_m < HOME_REACHED_M:
+        if autopilot.home_at is None:
+            autopilot.home_at = now
+        if now - autopilot.home_at >= autopilot.traits.going_home.wait_s:
+            autopilot.begin(Manoeuvre.LAND, now)
 
 
 def land(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001

@@ -185,6 +185,10 @@ class Parameters(Mapping[str, float]):
             value = self._table.defaults[name]
         return min(max(value, low), high)
 
+    def share(self, name: str, low: float = 0.0) -> float:
+        """Give a value, not below `low`, over its recorded default."""
+        return self.finite(name, low, 1e6) / self._table.defaults[name]
+
     @property
     def sysid(self) -> int | None:
         """The sysid for the next boot, None when what is stored is none."""

@@ -6,13 +6,21 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, ftp, missions, parameters, progress, streams
+from mock_vehicle.autopilot import commands, ftp, missions, parameters, progress, streams, tuning
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, rotated
 from mock_vehicle.autopilot.plans import PX4_RULES, PlanRules
-from mock_vehicle.autopilot.traits import Boot, Manoeuvre, Mode, Severity, SystemStatus, Traits
+from mock_vehicle.autopilot.traits import (
+    Boot,
+    Manoeuvre,
+    Mode,
+    Return,
+    Severity,
+    SystemStatus,
+    Traits,
+)
 from mock_vehicle.dynamics import GRAVITY_M_S2, UNLIMITED, Limits, Loop
 from swarm_ctl import wire
 
@@ -148,6 +156,7 @@ TRAITS = Traits(
     disarms_wherever_landed=True,
     takeoff_announced_s=1.9,
     takeoff_lift_s=4.4,
+    takeoff_height_m=2.5,  # MIS_TAKEOFF_ALT
     takeoff_speed_m_s=1.4,
     takeoff_gain_1_s=1.0,
     takeoff_slack_m=0.25,
@@ -156,6 +165,7 @@ TRAITS = Traits(
     setpoint_timeout_s=1.0,  # COM_OF_LOSS_T
     land_speeds_m_s=((5.0, 1.3), (0.5, 0.7), (-math.inf, 0.3)),
     sink_m_s=0.6,
+    going_home=Return(height_m=30.0, slope=1.0, near_m=10.0, least_climb_m=0.0, wait_s=0.0),
 )
 
 GCS_TIMEOUT_S = 3.0
@@ -173,7 +183,9 @@ def set_mode(autopilot: Px4, command: Command, now: float) -> int:
 def takeoff(autopilot: Px4, command: Command, now: float) -> int:
     """Choose AUTO.TAKEOFF; param7 is AMSL, NaN is MIS_TAKEOFF_ALT. It does not arm."""
     latitude, longitude, altitude = command.params[4:7]
-    height = altitude - autopilot.origin.amsl_m if math.isfinite(altitude) else 2.5
+    height = autopilot.traits.takeoff_height_m
+    if math.isfinite(altitude):
+        height = altitude - autopilot.origin.amsl_m
     if latitude == longitude == 0.0:
         height = 0.0  # accepted, and never climbs (reference/clients.md, fact 19)
     autopilot.takeoff_height_m = max(height, -autopilot.state.down_m)
@@ -200,7 +212,7 @@ def on_set_mode(autopilot: Px4, frame: wire.Frame, now: float) -> None:
 class Px4(Autopilot):
     """The PX4 personality."""
 
-    traits: ClassVar[Traits] = TRAITS
+    traits: Traits = TRAITS
     dialect: ClassVar[parameters.Dialect] = parameters.PX4
     command_table: ClassVar[Mapping[int, CommandHandler]] = {
         **commands.COMMANDS,
@@ -247,6 +259,10 @@ class Px4(Autopilot):
         """Give what is flown, not what was chosen."""
         return POSCTL if self.in_failsafe else self.mode
 
+    def tuned(self) -> Traits:
+        """Scale the recorded numbers by the parameters."""
+        return tuning.px4(TRAITS, self.parameters)
+
     def system_status(self, now: float) -> SystemStatus:
         """UNINIT comes back whenever a mode is chosen that cannot arm."""
         if self.in_failsafe:
@@ -289,7 +305,7 @@ class Px4(Autopilot):
             self.say(Severity.CRITICAL, f"Switching to {name} is currently not available\t", now)
             return Result.TEMPORARILY_REJECTED
         if number == AUTO_TAKEOFF != self.mode:
-            self.takeoff_height_m = max(2.5, -self.state.down_m)
+            self.takeoff_height_m = max(self.traits.takeoff_height_m, -self.state.down_m)
         self.enter(number, now)
         return Result.ACCEPTED
 

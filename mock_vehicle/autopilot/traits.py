@@ -27,6 +27,7 @@ class SystemStatus(IntEnum):
     STANDBY = 3
     ACTIVE = 4
     CRITICAL = 5
+    FLIGHT_TERMINATION = 8
 
 
 class Severity(IntEnum):
@@ -108,8 +109,34 @@ class Boot:
 
 
 @dataclass(frozen=True, slots=True)
+class Return:
+    """How high a vehicle flies home."""
+
+    height_m: float
+    """Above home, unless it is higher already."""
+    slope: float
+    """Near home it climbs only this times its distance."""
+    near_m: float
+    least_climb_m: float
+    """Near home it climbs at least so much, up to its height."""
+    wait_s: float
+    """From reaching home to the descent."""
+
+    def height(self, height_m: float, distance_m: float) -> float:
+        """Give the height of a return that starts at this height and distance from home."""
+        wanted = self.height_m
+        if distance_m <= self.near_m:
+            near = max(distance_m * self.slope, height_m + self.least_climb_m)
+            wanted = min(wanted, near)
+        return max(wanted, height_m)
+
+
+@dataclass(frozen=True, slots=True)
 class Traits:
-    """The numbers in which two autopilots differ; all measured, see `reference/`."""
+    """The numbers in which two autopilots differ; all measured, see `reference/`.
+
+    Those that a parameter decides are scaled by it, see `tuning`.
+    """
 
     autopilot: int
     """MAV_AUTOPILOT."""
@@ -158,6 +185,8 @@ class Traits:
     """From the take-off (or arming) to landed_state TAKEOFF."""
     takeoff_lift_s: float
     """From the take-off (or arming) to leaving the ground."""
+    takeoff_height_m: float
+    """Of a take-off that gives no height."""
     takeoff_speed_m_s: float
     takeoff_gain_1_s: float
     """Climb rate per height missing; larger arrives more abruptly."""
@@ -173,3 +202,4 @@ class Traits:
     """(above this height, descend so fast), highest first."""
     sink_m_s: float
     """Descent in a pilot's mode without a pilot."""
+    going_home: Return
