@@ -8,7 +8,7 @@ import os
 import socket
 from collections.abc import Sequence
 
-from mock_vehicle.server import Port
+from mock_vehicle.server import Address, Port
 
 LOCALHOST = "127.0.0.1"
 PORT_MAX = 65535
@@ -25,20 +25,47 @@ _UNTRIED = (FIRST_FREE + number % FREE for number in itertools.count(61 * os.get
 
 
 def plan_ports(
-    kinds: Sequence[str], *, host: str, base: int | None, remote: str | None
+    kinds: Sequence[str],
+    *,
+    host: str,
+    base: int | None = None,
+    listed: str | None = None,
+    remote: str | None = None,
 ) -> list[Port]:
     """Give every vehicle the ports of its autopilot's own simulator, unless told otherwise."""
+    if base is not None and listed is not None:
+        raise ValueError("--port and --ports say the same; give one of them")
     called = parse_remote(remote) if remote is not None else None
-    ports: list[Port] = []
-    for index, kind in enumerate(kinds):
-        is_px4 = kind == "px4"
-        first = (PX4_BIND if is_px4 else ARDUPILOT_BIND) if base is None else base
-        bind = first + index if first else 0
+    binds = _count_up(kinds, base) if listed is None else parse_ports(listed, len(kinds))
+    usual = [(LOCALHOST, PX4_REMOTE + i if k == "px4" else GCS_REMOTE) for i, k in enumerate(kinds)]
+    return [
+        Port((host, bind), called or (default if base != 0 else None))
+        for bind, default in zip(binds, usual, strict=True)
+    ]
+
+
+def _count_up(kinds: Sequence[str], base: int | None) -> list[int]:
+    """Count from the first port on; 0 stays 0, and takes a free one each time."""
+    firsts = [(PX4_BIND if k == "px4" else ARDUPILOT_BIND) if base is None else base for k in kinds]
+    binds = [first + index if first else 0 for index, first in enumerate(firsts)]
+    for index, bind in enumerate(binds):
         if bind > PORT_MAX:
             raise ValueError(f"--port {base}: vehicle {index + 1} would listen beyond {PORT_MAX}")
-        default = (LOCALHOST, PX4_REMOTE + index if is_px4 else GCS_REMOTE)
-        ports.append(Port((host, bind), called or (default if base != 0 else None)))
-    return ports
+    return binds
+
+
+def parse_ports(text: str, vehicles: int) -> list[int]:
+    """Read ports and ranges of them, as 14580,14590-14592; there must be enough."""
+    ports: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        ends = (first, last if dash else first)
+        if not all(end.isdecimal() and 0 < int(end) <= PORT_MAX for end in ends):
+            raise ValueError(f"--ports {text}: expected ports, as 14580,14590 or 14580-14589")
+        ports += range(int(ends[0]), int(ends[1]) + 1)
+    if len(ports) < vehicles or len(set(ports)) < len(ports):
+        raise ValueError(f"--ports {text}: names {len(set(ports))} ports for {vehicles} vehicles")
+    return ports[:vehicles]
 
 
 def parse_remote(text: str) -> tuple[str, int]:
@@ -52,15 +79,21 @@ def parse_remote(text: str) -> tuple[str, int]:
         raise ValueError(f"--remote {text}: there is no host {host!r}") from None
 
 
-def plan_gcs_ports(kinds: Sequence[str], *, host: str, base: int | None) -> list[Port]:
-    """Let PX4 call a ground station, too; only from its own simulator's ports, else it waits."""
+def plan_gcs_ports(kinds: Sequence[str], *, host: str, usual: bool) -> list[Port]:
+    """Let PX4 call a ground station, too, or listen for one if its ports are not the usual ones."""
     return [
-        Port((host, PX4_GCS_BIND + index), (LOCALHOST, GCS_REMOTE))
-        if base is None
-        else Port((host, 0))
+        Port((host, PX4_GCS_BIND + index), (LOCALHOST, GCS_REMOTE)) if usual else Port((host, 0))
         for index, kind in enumerate(kinds)
         if kind == "px4"
     ]
+
+
+def hint(bind: Address, remote: Address | None) -> str:
+    """Say how clients reach a vehicle that listens here and calls there, in their own words."""
+    scheme, (host, port) = ("udpout", bind) if remote is None else ("udpin", remote)
+    if remote is not None and host.startswith("127."):
+        host = "0.0.0.0"  # noqa: S104 - where clients listen, as their manuals have it
+    return f"MAVSDK {scheme}://{host}:{port} · pymavlink, MAVProxy, DroneKit {scheme}:{host}:{port}"
 
 
 def free_udp_port(host: str = LOCALHOST) -> int:

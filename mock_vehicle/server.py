@@ -68,10 +68,10 @@ class _Endpoint:
     """Datagrams sent, to whomever."""
 
     @property
-    def port(self) -> int:
+    def bind(self) -> Address:
         """Where it listens."""
-        port: int = self.socket.getsockname()[1]
-        return port
+        host, port = self.socket.getsockname()
+        return host, port
 
     def send(self, data: bytes, now: float) -> None:
         """Send to the remote and to every sender heard lately; a full buffer loses, as UDP does."""
@@ -125,7 +125,7 @@ class Server:
     @property
     def ports(self) -> list[int]:
         """The ports the vehicles listen on for their companions."""
-        return [endpoint.port for endpoint in self.endpoints[: self._fleet.n]]
+        return [endpoint.bind[1] for endpoint in self.endpoints[: self._fleet.n]]
 
     def ready(self) -> dict[str, Any]:
         """Say who listens where, in JSON values."""
@@ -133,7 +133,7 @@ class Server:
         return {
             "ports": self.ports,
             "sysids": fleet.sysids,
-            "host": self.endpoints[0].socket.getsockname()[0],
+            "host": self.endpoints[0].bind[0],
             "world": fleet.world.name,
             "autopilots": fleet.personalities,
             "victims_total": len(fleet.world.victims),

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import asyncio
 import json
 import os
+import resource
 import select
 import signal
 import socket
@@ -15,7 +17,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mock_vehicle.ports import plan_ports
+from mock_vehicle.fleet import Fleet
+from mock_vehicle.ports import hint, plan_gcs_ports, plan_ports
+from mock_vehicle.server import Server
+from mock_vehicle.world.field import open_field
 
 pytestmark = pytest.mark.wire
 
@@ -248,6 +253,7 @@ def test_garbage_does_no_harm(world: Path, start: Start, meet: Meet) -> None:
         ("", ("--remote", "nowhere"), "expected HOST:PORT"),
         ("", ("--vehicles", 250, "--first-sysid", 9), "not 255"),
         ("", ("--vehicles", 200), "starts.grid"),
+        ("", ("--ports", "14580"), "--port and --ports say the same"),
     ],
 )
 def test_a_mistake_is_one_sentence_and_exit_2(
@@ -302,14 +308,16 @@ def test_setpoints_are_noted_when_they_arrive_and_not_at_the_last_step(
 
 
 def test_ports_are_those_of_the_real_simulators() -> None:
-    def ports(base: int | None, remote: str | None = None) -> list[tuple[int, object]]:
-        planned = plan_ports(["px4", "ardupilot"], host="127.0.0.1", base=base, remote=remote)
+    def ports(base: int | None, remote: str | None = None, **more: str) -> list[tuple[int, object]]:
+        kinds = ["px4", "ardupilot"]
+        planned = plan_ports(kinds, host="127.0.0.1", base=base, remote=remote, **more)
         return [(port.bind[1], port.remote and port.remote[1]) for port in planned]
 
     assert ports(None) == [(14580, 14540), (14651, 14550)]
     assert ports(20000) == [(20000, 14540), (20001, 14550)]
     assert ports(0) == [(0, None), (0, None)]
     assert ports(0, "127.0.0.1:9") == [(0, 9), (0, 9)]
+    assert ports(None, listed="900,800-850") == [(900, 14540), (800, 14550)]
 
 
 def test_people_get_a_line_to_read(world: Path, start: Start) -> None:
@@ -320,3 +328,48 @@ def test_people_get_a_line_to_read(world: Path, start: Start) -> None:
     assert "yard" in out
     assert "ardupilot" in out
     assert "coverage" in out
+
+
+@pytest.mark.parametrize("listed", ["", "x", "0", "70000", "5-", "-5", "9-8", "7,7", "14580"])
+def test_ports_that_cannot_be_are_named(listed: str) -> None:
+    with pytest.raises(ValueError, match=f"--ports {listed}: "):
+        plan_ports(["px4", "px4"], host="127.0.0.1", listed=listed)
+
+
+def test_without_a_world_it_flies_over_an_open_field_until_told_to_stop(start: Start) -> None:
+    mock = start("--port", 0, "--sysid", 3)
+    assert mock.process.stdout is not None
+    assert mock.process.stdout.readline() == "open field: 1 vehicle; Ctrl-C ends\n"
+    assert "sysid 3 px4" in mock.process.stdout.readline()
+    mock.process.send_signal(signal.SIGINT)
+    out, complaints = mock.process.communicate(timeout=PATIENCE_S)
+    assert (mock.process.returncode, complaints) == (0, "")
+    assert "armed 0/1" in out
+    assert "AUTO.LOITER 1" in out
+    assert "stopped after" in out
+
+
+def test_clients_are_told_in_their_own_words_where_to_connect() -> None:
+    here = ("127.0.0.1", 14580)
+    assert hint(here, ("127.0.0.1", 14540)) == (
+        "MAVSDK udpin://0.0.0.0:14540 · pymavlink, MAVProxy, DroneKit udpin:0.0.0.0:14540"
+    )
+    assert "udpin://10.0.0.7:14540" in hint(here, ("10.0.0.7", 14540))
+    assert "udpout:127.0.0.1:14580" in hint(here, None)
+
+
+def test_a_fleet_that_nobody_reads_does_not_grow() -> None:
+    kinds = ["px4", "ardupilot", "px4"]
+    ports = plan_ports(kinds, host="127.0.0.1", base=0)
+    ports += plan_gcs_ports(kinds, host="127.0.0.1", usual=False)
+    fleet = Fleet(open_field(), kinds, seed=1, rates="full")
+    server = Server(fleet, ports, speed=100.0)
+    asyncio.run(server.run(duration_s=2.0))
+    assert not any(fleet.answers(*place) for place in fleet.places)
+
+
+def test_starting_costs_little(start: Start) -> None:
+    before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    assert start("--port", 0, "--duration", 0.02).process.wait(PATIENCE_S) == 0
+    after_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    assert after_s - before_s < 1.5  # processor time; 0.3 s when it was written
