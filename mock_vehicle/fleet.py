@@ -24,6 +24,7 @@ from mock_vehicle.geodesy import Origin
 from mock_vehicle.radio import Radio
 from mock_vehicle.referee import PARTED_M, Referee
 from mock_vehicle.sensors.battery import Batteries
+from mock_vehicle.sensors.gnss import Gnss, Reception
 from mock_vehicle.sensors.infrared import Infrared
 from mock_vehicle.sensors.rangefinder import BODY_RADIUS_M, RANGE_MIN_M, Rangefinders
 from mock_vehicle.sensors.readings import Readings
@@ -77,7 +78,7 @@ class Fleet:
         check(faults, self.sysids)
         struck = [f for f in world_faults(world) if f.vehicle in {None, *self.sysids}]
         self._faults = Schedule([*struck, *faults])
-        rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+        rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
         self.step_s = FULL_STEP_S if rates == "full" else STEP_S
         """Mission time of one `step`."""
         self._steps_per_sample = round(TICK_S / self.step_s)
@@ -106,6 +107,8 @@ class Fleet:
         gnss = world.spec.gnss
         self.readings.range_max_m = world.spec.sensors.range_max_m
         self.readings.range_min_m = RANGE_MIN_M
+        self.readings.has_odometry = gnss.reception != "present"
+        self.readings.gnss_reception[:] = Reception[gnss.reception.upper()]
         self.vehicles = [
             Vehicle(
                 index,
@@ -143,6 +146,7 @@ class Fleet:
         )
         self._drift = _Drift(self.starts_ned_m, sensors.odometry_drift_fraction, rngs[2])
         self._wind = _Wind(spec.wind, rngs[3])
+        self.gnss = Gnss(self.n, Reception[spec.gnss.reception.upper()], rngs[4])
         self.referee = Referee(world, self.vehicles, self.batteries, self.starts_ned_m)
 
     @property
@@ -222,6 +226,8 @@ class Fleet:
         readings.peers[:] = self.radio.fixes(position, attitude)
         readings.victims[:] = self._infrared.fixes(sightings, position, attitude)
         readings.drift_ned_m[:] = self._drift.move(position)
+        readings.gnss_error_ned_m[:] = self.gnss.measure(TICK_S)
+        readings.gnss_reception[:] = self.gnss.reception
 
     def _drain(self, alive: NDArray[np.bool_]) -> None:
         """Empty the batteries by one tick; who has nothing left falls silent and drops."""

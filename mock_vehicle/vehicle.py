@@ -32,7 +32,7 @@ DATAGRAM_BYTES = 1400
 """What fits into one datagram without fragments."""
 HEARTBEAT_ID = wire.message("HEARTBEAT").id
 TUNNEL_ID = wire.message("TUNNEL").id
-_STATE_COLUMNS = 17
+_STATE_COLUMNS = 21
 """Columns of `refresh_all` that stand in State as they are; the rest are ranges."""
 
 
@@ -124,6 +124,7 @@ class Vehicle:
         autopilot.state = State._make((*row[:_STATE_COLUMNS], row[_STATE_COLUMNS:]))
         autopilot.peers, autopilot.victims = peers, victims
         autopilot.ring_m = readings.ring_m[self.index]
+        autopilot.has_odometry = readings.has_odometry
         autopilot.range_min_m, autopilot.range_max_m = readings.range_min_m, readings.range_max_m
 
     def receive(self, data: bytes, now: float, link: int = 0) -> list[bytes]:
@@ -199,19 +200,24 @@ def refresh_all(
     homes = np.zeros_like(dynamics.position_ned_m)
     for vehicle in vehicles:
         homes[vehicle.index] = vehicle.home_ned_m
+    error = readings.drift_ned_m
+    if not readings.has_odometry:
+        error = error + readings.gnss_error_ned_m
     rows = np.column_stack(
         (
-            dynamics.position_ned_m - homes + readings.drift_ned_m,
+            dynamics.position_ned_m - homes + error,
             dynamics.velocity_ned_m_s,
             dynamics.roll_rad,
             dynamics.pitch_rad,
             dynamics.yaw_rad,
             dynamics.yaw_rate_rad_s,
             dynamics.on_ground,
-            readings.drift_ned_m,
+            error,
             readings.battery_fraction,
             readings.battery_voltage_v,
             readings.battery_current_a,
+            readings.gnss_reception,
+            readings.gnss_error_ned_m,
             readings.ranges_m,
         )
     ).tolist()

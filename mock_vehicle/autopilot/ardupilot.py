@@ -7,11 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from mock_vehicle.autopilot import (
+    ardupilot_telemetry,
+    clock,
     commands,
     ftp,
+    gnss,
     missions,
     parameters,
-    progress,
+    rates,
+    requests,
     streams,
     tuning,
     uploads,
@@ -26,12 +30,14 @@ from mock_vehicle.autopilot.traits import (
     LandedState,
     Manoeuvre,
     Mode,
+    Motors,
     Return,
     Severity,
     SystemStatus,
     Traits,
 )
 from mock_vehicle.dynamics import Limits, Loop
+from mock_vehicle.sensors.gnss import Fix
 from swarm_ctl import wire
 
 LIMITS = Limits(
@@ -94,37 +100,38 @@ MODES: Mapping[int, Mode] = {
 ARMING_TEXTS: Mapping[int, str] = {AUTO: "Arm: Mode requires mission"}
 
 BANNER = "ArduCopter V4.7.0-dev (2598e9d4)"
-STREAM_ALL = 0
-STREAMS: Mapping[int, tuple[int, ...]] = {
-    # REQUEST_DATA_STREAM groups, as far as the mock has their messages.
-    2: (streams.SYS_STATUS.id, progress.MISSION_CURRENT.id),
-    6: (streams.LOCAL_POSITION_NED.id,),
-    10: (streams.ATTITUDE.id,),
-    11: (streams.VFR_HUD.id,),
-    12: (streams.BATTERY_STATUS.id, streams.DISTANCE_SENSOR.id),
-}
-
-INTERVALS_S: Mapping[int, float] = {streams.HEARTBEAT.id: 1.0}
-"""Nothing else is sent until somebody asks."""
-
 TRAITS = Traits(
     autopilot=3,
     capabilities=64495,
     flight_sw_version=67567616,
+    other_versions=(0, 0, 0, b"2598e9d4", b""),
     limits=LIMITS,
     modes=MODES,
     first_mode=STABILIZE,
-    sensors=1131543599,
+    load=0,
+    battery_kind=(0, 0),
+    motors=Motors(disarmed_us=1000, idle_us=1100, hover_us=1583, hover_thrust=0.35, unused_us=0),
+    fix=Fix(6, 121, 200, 10, 300, 300, 0),
+    home_attitude=(NAN, NAN, NAN, NAN),
+    guesses_airspeed=True,
+    estimator_flags=((41.5, 831), (5.9, 167), (5.5, 0), (-math.inf, 1024)),
+    doubt_s=6.8,
+    doubting_flags=37,
+    dead_reckoning_s=15.2,
     boot=Boot(
         heartbeat_s=1.02, standby_s=2.46, gnss_s=10.1, home_s=20.0, position_s=41.5, ready_s=41.5
     ),
-    intervals_s={"lean": (INTERVALS_S,), "full": (INTERVALS_S,)},
-    fixed_streams=frozenset(),
+    intervals_s={"lean": (rates.ARDUPILOT_LEAN,), "full": (rates.ARDUPILOT_FULL,)},
+    sources_s={},
+    fixed_streams=frozenset({clock.TIMESYNC.id}),
     denial=Result.FAILED,
     arm_nan_result=Result.UNSUPPORTED,  # the real one dies of it
     arm_other_result=Result.UNSUPPORTED,
     interval_refusal=Result.DENIED,
     request_refusal=Result.FAILED,
+    unknown_interval_us=0,
+    unknown_interval_result=Result.FAILED,
+    acknowledges_first=True,
     vtol_state=3,
     texts_armed=("Arming motors",),
     texts_disarmed=("Disarming motors",),
@@ -150,6 +157,9 @@ TRAITS = Traits(
     going_home=Return(height_m=15.0, slope=3.0, near_m=math.inf, least_climb_m=2.5, wait_s=5.0),
 )
 
+SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x5371FC0F, 0x5341FC0F, 0x4751FC0F
+SENSOR_GNSS, SENSOR_AHRS, SENSOR_LOGGING = 0x20, 0x200000, 0x1000000
+POSITION_CONTROL = 0x6000
 FASTEST_INTERVAL_US = 5000
 FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED = 1, 7
 BODY_FRAMES = frozenset({8, 9})
@@ -181,21 +191,17 @@ def takeoff(autopilot: ArduPilot, command: Command, now: float) -> int:
 
 
 def set_message_interval(autopilot: ArduPilot, command: Command, now: float) -> int:
-    """Refuse what is faster than the main loop, and a param3 that is not 0."""
-    interval_us, reserved = command.params[1:3]
-    if 0.0 < interval_us < FASTEST_INTERVAL_US:
-        text = "Requested rate is too fast. Increase SCHED_LOOP_RATE"
-        autopilot.say(Severity.WARNING, text, now)
+    """Refuse what is faster than the main loop, unknown, or has a param3, and say why."""
+    number, (interval_us, reserved) = whole(command.params[0]), command.params[1:3]
+    if number not in autopilot.streamable:
+        autopilot.say(Severity.INFO, f"No ap_message for mavlink id ({number})", now)
+    elif 0.0 < interval_us < FASTEST_INTERVAL_US:
+        text = f"Requested rate for message ID {number} too fast. Increase SCHED_LOOP_RATE"
+        autopilot.say(Severity.INFO, text, now)
         return Result.DENIED
     if reserved and not math.isnan(reserved):
         return Result.DENIED
-    return commands.set_message_interval(autopilot, command, now)
-
-
-def get_message_interval(autopilot: ArduPilot, command: Command, now: float) -> int:  # noqa: ARG001
-    """Send MESSAGE_INTERVAL, 0 for an unknown message."""
-    known = commands.send_message_interval(autopilot, whole(command.params[0]), 0)
-    return Result.ACCEPTED if known else Result.FAILED
+    return requests.set_message_interval(autopilot, command, now)
 
 
 def on_set_mode(autopilot: ArduPilot, frame: wire.Frame, now: float) -> None:
@@ -205,19 +211,6 @@ def on_set_mode(autopilot: ArduPilot, frame: wire.Frame, now: float) -> None:
         autopilot.choose(v.custom_mode, now)
 
 
-def on_request_data_stream(autopilot: ArduPilot, frame: wire.Frame, now: float) -> None:
-    """Start or stop a group of streams without a word."""
-    v = frame.values
-    if not autopilot.accepts_setpoint(v.target_system, v.target_component):
-        return
-    groups = STREAMS if v.req_stream_id == STREAM_ALL else (v.req_stream_id,)
-    for number in (number for group in groups for number in STREAMS.get(group, ())):
-        if v.start_stop and v.req_message_rate:
-            autopilot.to[0].streams.start(number, 1.0 / v.req_message_rate, now)
-        else:
-            autopilot.to[0].streams.stop(number)
-
-
 class ArduPilot(Autopilot):
     """The ArduPilot personality."""
 
@@ -225,34 +218,31 @@ class ArduPilot(Autopilot):
     dialect: ClassVar[parameters.Dialect] = parameters.ARDUPILOT
     command_table: ClassVar[Mapping[int, CommandHandler]] = {
         **commands.COMMANDS,
+        **requests.COMMANDS,
+        **gnss.COMMANDS,
         commands.DO_SET_MODE: set_mode,
         commands.NAV_TAKEOFF: takeoff,
         commands.NAV_LAND: commands.mode_command(LAND),
         commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(RTL),
         commands.NAV_LOITER_UNLIM: commands.mode_command(LOITER),
-        commands.SET_MESSAGE_INTERVAL: set_message_interval,
-        commands.GET_MESSAGE_INTERVAL: get_message_interval,
+        requests.SET_MESSAGE_INTERVAL: set_message_interval,
     }
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
         **parameters.MESSAGES,
         **missions.MESSAGES,
+        **gnss.MESSAGES,
         uploads.MISSION_WRITE_PARTIAL_LIST.id: uploads.on_write_partial_list,
         **ftp.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
-        commands.REQUEST_DATA_STREAM.id: on_request_data_stream,
-    }
-    streamable: ClassVar[Mapping[int, Encoder]] = {
-        **streams.COMMON,
-        progress.MISSION_CURRENT.id: progress.mission_current,
+        requests.REQUEST_DATA_STREAM.id: requests.on_request_data_stream,
     }
     plan_rules: ClassVar[PlanRules] = ARDUPILOT_RULES
     mission_mode: ClassVar[int] = AUTO
     mission_modes: ClassVar[frozenset[int]] = frozenset({AUTO})
-    requestable: ClassVar[Mapping[int, Encoder]] = {
-        **streamable,
-        streams.AUTOPILOT_VERSION.id: streams.autopilot_version,
-    }
+    streamable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
+    requestable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
+    stream_groups: ClassVar[Mapping[int, Sequence[int]]] = rates.ARDUPILOT_GROUPS
 
     @property
     def banner(self) -> Sequence[str]:
@@ -291,6 +281,23 @@ class ArduPilot(Autopilot):
         if mode.can_arm or force:
             return None
         return [ARMING_TEXTS.get(self.mode, f"Arm: {mode.name} mode not armable")]
+
+    def sensor_bits(self, now: float) -> tuple[int, int, int]:  # noqa: ARG002
+        """Show the receiver once it has had a fix, the estimator once it has an origin."""
+        present, enabled, health = SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY
+        if self.navigation.knows_time:
+            present, enabled, health = (bits | SENSOR_GNSS for bits in (present, enabled, health))
+        if self.navigation.has_origin or self.has_odometry:
+            enabled, health = enabled | SENSOR_AHRS, health | SENSOR_AHRS
+        if MODES[self.mode].manoeuvre is Manoeuvre.FALL:
+            enabled, health = enabled & ~POSITION_CONTROL, health & ~POSITION_CONTROL
+        return present, enabled if self.armed else enabled & ~SENSOR_LOGGING, health
+
+    def announce_home(self, now: float) -> None:
+        """Tell origin and home at once."""
+        if self._rates == "full":
+            gnss.global_origin(self, now)
+            gnss.home_position(self, now)
 
     def enter(self, number: int, now: float) -> None:
         """Tell a change of mode at once by a HEARTBEAT."""

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_vehicle.autopilot import missions, streams
+from mock_vehicle.autopilot import missions, ranging
 from mock_vehicle.autopilot.link import Encoder, Link, Streams
 from mock_vehicle.autopilot.manoeuvres import FLY, NAN, NOWHERE, STILL, STOP, Setpoint, Vector, fall
+from mock_vehicle.autopilot.navigation import Navigation
 from mock_vehicle.autopilot.parameters import Dialect, Parameters, ParameterService
 from mock_vehicle.autopilot.plans import PlanRules
 from mock_vehicle.autopilot.progress import Progress
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from mock_vehicle.sensors.readings import PeerFix, VictimFix
 
 AUTOPILOT_COMPID = 1
-RADIO_COMPID = 68
 HEARTBEAT_ID = wire.message("HEARTBEAT").id
 TUNNEL_ID = wire.message("TUNNEL").id
 STATUSTEXT = wire.message("STATUSTEXT")
@@ -50,7 +50,7 @@ class State(NamedTuple):
     north_m: float
     east_m: float
     down_m: float
-    """Estimated position: truth - home + drift."""
+    """Estimated position: truth - home + its error."""
     north_m_s: float
     east_m_s: float
     down_m_s: float
@@ -65,6 +65,11 @@ class State(NamedTuple):
     battery_fraction: float
     battery_voltage_v: float
     battery_current_a: float
+    reception: float
+    """`gnss.Reception`."""
+    fix_error_north_m: float
+    fix_error_east_m: float
+    fix_error_down_m: float
     ranges_m: list[float]
 
 
@@ -88,6 +93,8 @@ class Autopilot(ABC):
     """The mode that flies the mission."""
     mission_modes: ClassVar[frozenset[int]]
     """The modes in which MISSION_CURRENT.mission_mode says so."""
+    stream_groups: ClassVar[Mapping[int, Sequence[int]]] = {}
+    """Message ids by the stream of REQUEST_DATA_STREAM."""
 
     def __init__(
         self,
@@ -106,10 +113,11 @@ class Autopilot(ABC):
         self.index = index
         self.uid = uid
         self.home_ned_m = home_ned_m
-        self.origin = origin
-        """Where its local frame, and its home at the start, lie on the globe."""
         self.truth = truth
-        self.state = State._make([*(0.0,) * 17, [math.inf] * 6])
+        self.state = State._make([*(0.0,) * 21, [math.inf] * 6])
+        self.has_odometry = False
+        """Whether flow or vision tells the position where satellites do not."""
+        self._site = origin
         self.peers: list[PeerFix] = []
         self.victims: list[VictimFix] = []
         self.ring_m: NDArray[np.float64] = np.empty(0)
@@ -134,9 +142,10 @@ class Autopilot(ABC):
         self.tune()
         self.boot = self.traits.boot.within(self._boot_s)
         """When it can do what, in seconds since boot."""
+        self.navigation = Navigation(self._site)
         subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
         self.links = [
-            Link(subscribed, Streams(self.streamable, intervals_s))
+            Link(subscribed, Streams(self.streamable, intervals_s, self.traits.sources_s))
             for intervals_s in self.traits.intervals_s[self._rates]
         ]
         self.to: Sequence[Link] = self.links
@@ -210,6 +219,14 @@ class Autopilot(ABC):
     def takeoff_done(self, now: float) -> None:
         """Go on after a take-off."""
 
+    @abstractmethod
+    def sensor_bits(self, now: float) -> tuple[int, int, int]:
+        """MAV_SYS_STATUS_SENSOR bits present, enabled and healthy, without the arming check."""
+
+    @abstractmethod
+    def announce_home(self, now: float) -> None:
+        """Tell unasked where home and the origin lie on the globe, which is new."""
+
     @property
     def banner(self) -> Sequence[str]:
         """What it says of itself before a list of parameters."""
@@ -249,11 +266,35 @@ class Autopilot(ABC):
         for text in texts:
             self.say(Severity.INFO, text, now)
 
+    # Places.
+
+    @property
+    def origin(self) -> Origin:
+        """Where it believes its local frame to lie on the globe."""
+        return self.navigation.origin
+
+    @property
+    def true_position_m(self) -> Vector:
+        """Where it really is, in local NED."""
+        s = self.state
+        return s.north_m - s.drift_north_m, s.east_m - s.drift_east_m, s.down_m - s.drift_down_m
+
+    @property
+    def fix_m(self) -> Vector:
+        """Where the satellites say that it is, in local NED."""
+        s, (north, east, down) = self.state, self.true_position_m
+        return north + s.fix_error_north_m, east + s.fix_error_east_m, down + s.fix_error_down_m
+
     # Time.
 
     def uptime_s(self, now: float) -> float:
         """Tell the time since boot."""
         return now - self.booted_at
+
+    def recorded_s(self, now: float) -> float:
+        """Tell how far a boot of the recorded length would be."""
+        whole_s, ready_s = self.traits.boot.ready_s, self.boot.ready_s
+        return self.uptime_s(now) * whole_s / ready_s if ready_s else math.inf
 
     def is_ready(self, now: float) -> bool:
         """Whether the checks before arming have all passed once."""
@@ -261,7 +302,7 @@ class Autopilot(ABC):
 
     def has_position(self, now: float) -> bool:
         """Whether there is an estimate of the local position."""
-        return self.uptime_s(now) >= self.boot.position_s
+        return self.navigation.has_position(self, now)
 
     def tick(self, now: float) -> None:
         """Run timers, steer, and queue the telemetry that is due."""
@@ -276,10 +317,11 @@ class Autopilot(ABC):
         self.parameter_service.run(self, now)
         self.to = self.links[:1]
         if self.peers:
-            streams.peers(self, now)
+            ranging.peers(self, now)
         if self.victims:
-            streams.victims(self, now)
+            ranging.victims(self, now)
         self.to = self.links
+        self.navigation.update(self, now)
 
     def receive(self, frame: wire.Frame, link: Link, now: float) -> None:
         """Obey a frame that came over a link, and answer there."""

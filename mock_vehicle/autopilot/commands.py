@@ -1,4 +1,4 @@
-"""Requests from the wire: commands and their acknowledgements, modes, setpoints, time."""
+"""Commands from the wire and their acknowledgements, arming, modes, setpoints."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
-from mock_vehicle.autopilot import streams
+from mock_vehicle.autopilot import clock
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.traits import Severity
 from swarm_ctl import wire
@@ -16,12 +16,8 @@ COMMAND_ACK = wire.message("COMMAND_ACK")
 COMMAND_INT = wire.message("COMMAND_INT")
 COMMAND_LONG = wire.message("COMMAND_LONG")
 HEARTBEAT = wire.message("HEARTBEAT")
-MESSAGE_INTERVAL = wire.message("MESSAGE_INTERVAL")
-PING = wire.message("PING")
-REQUEST_DATA_STREAM = wire.message("REQUEST_DATA_STREAM")
 SET_MODE = wire.message("SET_MODE")
 SETPOINT = wire.message("SET_POSITION_TARGET_LOCAL_NED")
-TIMESYNC = wire.message("TIMESYNC")
 
 GCS = 6
 """MAV_TYPE of a ground station."""
@@ -29,17 +25,10 @@ FORCE = 21196
 """The magic number of arm and disarm."""
 ARM_DISARM = 400
 DO_SET_MODE = 176
-GET_MESSAGE_INTERVAL = 510
-SET_MESSAGE_INTERVAL = 511
-REQUEST_MESSAGE = 512
-REQUEST_AUTOPILOT_CAPABILITIES = 520
 NAV_LOITER_UNLIM = 17
 NAV_RETURN_TO_LAUNCH = 20
 NAV_LAND = 21
 NAV_TAKEOFF = 22
-
-LONGEST_INTERVAL_S = 60.0
-"""ArduPilot clamps to it; PX4 was not asked."""
 
 
 class Result(IntEnum):
@@ -62,6 +51,16 @@ class Command(NamedTuple):
     sysid: int
     compid: int
     """The sender, who gets the acknowledgement."""
+    is_int: bool = False
+    """Whether it came as a COMMAND_INT."""
+    frame: int = 0
+    """MAV_FRAME of a COMMAND_INT."""
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        """Latitude and longitude, degrees, and altitude, m, of params 5 to 7."""
+        x, y, z = self.params[4:7]
+        return (x * 1e-7, y * 1e-7, z) if self.is_int else (x, y, z)
 
 
 CommandHandler = Callable[..., int | None]
@@ -124,50 +123,6 @@ def _disarm(autopilot: Autopilot, now: float, *, force: bool) -> int:
     return Result.ACCEPTED
 
 
-def set_message_interval(autopilot: Autopilot, command: Command, now: float) -> int:
-    """Let a message flow at an interval in microseconds; -1 stops it, 0 restores the default."""
-    number, interval_us = whole(command.params[0]), whole(command.params[1])
-    refusal = autopilot.traits.interval_refusal
-    if number is None or number not in autopilot.streamable:
-        return refusal
-    is_fixed = number in autopilot.traits.fixed_streams
-    if is_fixed or interval_us is None or interval_us < -1:
-        return refusal
-    if interval_us == -1:
-        autopilot.to[0].streams.stop(number)
-    elif interval_us == 0:
-        autopilot.to[0].streams.restore(number, now)
-    else:
-        autopilot.to[0].streams.start(number, min(interval_us * 1e-6, LONGEST_INTERVAL_S), now)
-    return Result.ACCEPTED
-
-
-def send_message_interval(autopilot: Autopilot, number: int | None, unknown_us: int) -> bool:
-    """Send MESSAGE_INTERVAL and tell whether the message is known."""
-    known = number in autopilot.streamable
-    interval_s = autopilot.to[0].streams.interval_s(number) if number is not None else None
-    off_us = -1 if known else unknown_us
-    interval_us = off_us if interval_s is None else round(interval_s * 1e6)
-    autopilot.send(MESSAGE_INTERVAL, (number or 0) & 0xFFFF, interval_us)
-    return known
-
-
-def request_message(autopilot: Autopilot, command: Command, now: float) -> int | None:
-    """Acknowledge, then send a message once."""
-    number = whole(command.params[0])
-    if number is None or number not in autopilot.requestable:
-        return autopilot.traits.request_refusal
-    acknowledge(autopilot, command, Result.ACCEPTED)
-    autopilot.requestable[number](autopilot, now)
-    return None
-
-
-def request_capabilities(autopilot: Autopilot, command: Command, now: float) -> None:
-    """Acknowledge, then send AUTOPILOT_VERSION (the old way to ask)."""
-    acknowledge(autopilot, command, Result.ACCEPTED)
-    streams.autopilot_version(autopilot, now)
-
-
 def mode_command(number: int) -> CommandHandler:
     """Make the handler of a command that is nothing but a mode."""
 
@@ -194,7 +149,8 @@ def on_command_int(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
     v = frame.values
     if autopilot.accepts_command(v.target_system, v.target_component, v.command):
         params = (v.param1, v.param2, v.param3, v.param4, float(v.x), float(v.y), v.z)
-        execute(autopilot, Command(v.command, params, frame.sysid, frame.compid), now)
+        sender = frame.sysid, frame.compid
+        execute(autopilot, Command(v.command, params, *sender, is_int=True, frame=v.frame), now)
 
 
 def on_setpoint(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
@@ -202,19 +158,6 @@ def on_setpoint(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
     v = frame.values
     if autopilot.accepts_setpoint(v.target_system, v.target_component):
         autopilot.receive_setpoint(v, now)
-
-
-def on_timesync(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
-    """Answer a TIMESYNC request with the time since boot, at the next tick."""
-    if frame.values.tc1 == 0:
-        autopilot.send(TIMESYNC, streams.boot_us(autopilot, now) * 1000, frame.values.ts1)
-
-
-def on_ping(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:  # noqa: ARG001
-    """Answer a PING that asks everybody."""
-    v = frame.values
-    if v.target_system == 0 and v.target_component == 0:
-        autopilot.send(PING, v.time_usec, v.seq, frame.sysid, frame.compid)
 
 
 def on_heartbeat(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
@@ -227,14 +170,12 @@ MESSAGES: Mapping[int, MessageHandler] = {
     COMMAND_LONG.id: on_command_long,
     COMMAND_INT.id: on_command_int,
     SETPOINT.id: on_setpoint,
-    TIMESYNC.id: on_timesync,
+    clock.TIMESYNC.id: clock.on_timesync,
     HEARTBEAT.id: on_heartbeat,
 }
 """What both autopilots listen to, by message id."""
 
 COMMANDS: Mapping[int, CommandHandler] = {
     ARM_DISARM: arm_disarm,
-    REQUEST_MESSAGE: request_message,
-    REQUEST_AUTOPILOT_CAPABILITIES: request_capabilities,
 }
 """What both autopilots execute alike, by MAV_CMD."""

@@ -19,24 +19,33 @@ EARLY_S = 0.005
 
 
 class _Stream:
-    __slots__ = ("due_s", "encode", "interval_s")
+    __slots__ = ("due_s", "encode", "interval_s", "period_s")
 
-    def __init__(self, encode: Encoder, interval_s: float, due_s: float) -> None:
+    def __init__(self, encode: Encoder, interval_s: float, due_s: float, source_s: float) -> None:
         self.encode = encode
         self.interval_s = interval_s
+        """What was asked for."""
+        self.period_s = max(interval_s, source_s)
+        """What the source can give."""
         self.due_s = due_s
 
 
 class Streams:
     """The messages that flow by themselves over one link, each at its interval."""
 
-    def __init__(self, table: Mapping[int, Encoder], defaults_s: Mapping[int, float]) -> None:
+    def __init__(
+        self,
+        table: Mapping[int, Encoder],
+        defaults_s: Mapping[int, float],
+        sources_s: Mapping[int, float],
+    ) -> None:
+        """Let the defaults of a table flow; sources are the intervals that none can undercut."""
         self._table = table
         self._defaults_s = defaults_s
-        self._active = {
-            number: _Stream(table[number], interval_s, -math.inf)
-            for number, interval_s in defaults_s.items()
-        }
+        self._sources_s = sources_s
+        self._active: dict[int, _Stream] = {}
+        for number, interval_s in defaults_s.items():
+            self.start(number, interval_s, -math.inf)
 
     def interval_s(self, number: int) -> float | None:
         """Tell the interval of a message, None when it does not flow."""
@@ -45,7 +54,8 @@ class Streams:
 
     def start(self, number: int, interval_s: float, now: float) -> None:
         """Let a message of the table flow."""
-        self._active[number] = _Stream(self._table[number], interval_s, now)
+        source_s = self._sources_s.get(number, 0.0)
+        self._active[number] = _Stream(self._table[number], interval_s, now, source_s)
 
     def stop(self, number: int) -> None:
         """Let it flow no more."""
@@ -65,9 +75,9 @@ class Streams:
         for stream in self._active.values():
             if stream.due_s <= soon:
                 stream.encode(autopilot, now)
-                stream.due_s += stream.interval_s
+                stream.due_s += stream.period_s
                 if stream.due_s <= now:
-                    stream.due_s = now + stream.interval_s
+                    stream.due_s = now + stream.period_s
 
 
 class Link:
@@ -78,6 +88,8 @@ class Link:
         """Frames that leave next."""
         self.streams = streams
         self.parser = wire.Parser(subscribed)
+        self.pings = 0
+        """PINGs sent, which are numbered."""
         self.gcs_seen_at = -math.inf
         """When a ground station's heartbeat last came in here."""
         self._sequences: dict[int, int] = {}

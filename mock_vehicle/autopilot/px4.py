@@ -6,7 +6,18 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from mock_vehicle.autopilot import commands, ftp, missions, parameters, progress, streams, tuning
+from mock_vehicle.autopilot import (
+    clock,
+    commands,
+    ftp,
+    gnss,
+    missions,
+    parameters,
+    px4_telemetry,
+    rates,
+    requests,
+    tuning,
+)
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder, Link
@@ -16,12 +27,14 @@ from mock_vehicle.autopilot.traits import (
     Boot,
     Manoeuvre,
     Mode,
+    Motors,
     Return,
     Severity,
     SystemStatus,
     Traits,
 )
 from mock_vehicle.dynamics import GRAVITY_M_S2, UNLIMITED, Limits, Loop
+from mock_vehicle.sensors.gnss import Fix, Reception
 from swarm_ctl import wire
 
 LIMITS = Limits(
@@ -92,57 +105,47 @@ MAIN_MODES = frozenset(number >> 16 & 0xFF for number in MODES)
 BASE_MODE_OFFBOARD_SILENT = 1
 """Disarmed in OFFBOARD without setpoints."""
 
-LEAN_INTERVALS_S: Mapping[int, float] = {
-    # What a swarm's controller reads of the companion link, 10 Hz at most.
-    streams.HEARTBEAT.id: 1.0,
-    streams.ATTITUDE.id: 0.1,
-    streams.ATTITUDE_QUATERNION.id: 0.1,
-    streams.LOCAL_POSITION_NED.id: 0.1,
-    streams.DISTANCE_SENSOR.id: 0.1,
-    streams.VFR_HUD.id: 0.1,
-    streams.EXTENDED_SYS_STATE.id: 0.2,
-    streams.SYS_STATUS.id: 0.2,
-    streams.BATTERY_STATUS.id: 2.0,
-}
-FULL_INTERVALS_S: Mapping[int, float] = {
-    # The link to a companion, 14540.
-    **LEAN_INTERVALS_S,
-    progress.MISSION_CURRENT.id: 1.0,
-    streams.ATTITUDE.id: 0.01,
-    streams.ATTITUDE_QUATERNION.id: 0.02,
-    streams.LOCAL_POSITION_NED.id: 1.0 / 30.0,
-}
-GCS_INTERVALS_S: Mapping[int, float] = {
-    # The link to a ground station, 14550.
-    streams.HEARTBEAT.id: 1.0,
-    streams.ATTITUDE.id: 0.02,
-    streams.ATTITUDE_QUATERNION.id: 0.02,
-    streams.LOCAL_POSITION_NED.id: 0.02,
-    streams.VFR_HUD.id: 0.25,
-    streams.EXTENDED_SYS_STATE.id: 1.0,
-    streams.SYS_STATUS.id: 1.0,
-    streams.BATTERY_STATUS.id: 2.0,
-    progress.MISSION_CURRENT.id: 1.0,
-}
-
 TRAITS = Traits(
     autopilot=12,
     capabilities=59647,
     flight_sw_version=17891392,
+    other_versions=(
+        17891392,
+        101854463,
+        1,
+        bytes([0, 0, 0, 12, 152, 106, 67, 102]),
+        bytes([0, 0, 0, 12, 152, 106, 67, 102]),
+    ),
     limits=LIMITS,
     modes=MODES,
     first_mode=AUTO_LOITER,
-    sensors=33570863,
+    load=117,
+    battery_kind=(1, 1),
+    motors=Motors(disarmed_us=900, idle_us=1000, hover_us=1507, hover_thrust=0.51, unused_us=900),
+    fix=Fix(3, 70, 110, 10, 900, 1780, 400),
+    home_attitude=(1.0, 0.0, 0.0, 0.0),
+    guesses_airspeed=False,
+    estimator_flags=((3.5, 1023), (2.5, 229), (-math.inf, 164)),
+    doubt_s=1.0,
+    doubting_flags=0x25,
+    dead_reckoning_s=5.0,  # EKF2_NOAID_TOUT; a loss was not recorded
     boot=Boot(
         heartbeat_s=1.45, standby_s=1.45, gnss_s=0.55, home_s=2.5, position_s=0.6, ready_s=4.6
     ),
-    intervals_s={"lean": (LEAN_INTERVALS_S,), "full": (FULL_INTERVALS_S, GCS_INTERVALS_S)},
-    fixed_streams=frozenset({streams.HEARTBEAT.id}),
+    intervals_s={
+        "lean": (rates.PX4_LEAN,),
+        "full": (rates.PX4_COMPANION, rates.PX4_GROUND),
+    },
+    sources_s=rates.PX4_SOURCES_S,
+    fixed_streams=frozenset({commands.HEARTBEAT.id}),
     denial=Result.TEMPORARILY_REJECTED,
     arm_nan_result=Result.ACCEPTED,
     arm_other_result=None,
     interval_refusal=Result.FAILED,
     request_refusal=Result.DENIED,
+    unknown_interval_us=-1,
+    unknown_interval_result=Result.ACCEPTED,
+    acknowledges_first=False,
     vtol_state=0,
     texts_armed=("Armed by external command\t",),
     texts_disarmed=(),
@@ -168,6 +171,10 @@ TRAITS = Traits(
     going_home=Return(height_m=30.0, slope=1.0, near_m=10.0, least_climb_m=0.0, wait_s=0.0),
 )
 
+SENSORS_S = 2.5
+"""When the recorded boot first named its sensors."""
+SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x300400F, 0x301400F, 0x320C83F
+SENSOR_GNSS = 0x20
 GCS_TIMEOUT_S = 3.0
 FRAME_LOCAL_NED, FRAME_BODY_NED = 1, 8
 FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 0x200, 0x400, 0x800
@@ -194,12 +201,6 @@ def takeoff(autopilot: Px4, command: Command, now: float) -> int:
     return Result.ACCEPTED
 
 
-def get_message_interval(autopilot: Px4, command: Command, now: float) -> int:  # noqa: ARG001
-    """Send MESSAGE_INTERVAL, -1 for anything that does not flow."""
-    commands.send_message_interval(autopilot, whole(command.params[0]), -1)
-    return Result.ACCEPTED
-
-
 def on_set_mode(autopilot: Px4, frame: wire.Frame, now: float) -> None:
     """Obey SET_MODE as DO_SET_MODE, with one acknowledgement."""
     v = frame.values
@@ -216,32 +217,27 @@ class Px4(Autopilot):
     dialect: ClassVar[parameters.Dialect] = parameters.PX4
     command_table: ClassVar[Mapping[int, CommandHandler]] = {
         **commands.COMMANDS,
+        **requests.COMMANDS,
+        **gnss.COMMANDS,
         commands.DO_SET_MODE: set_mode,
         commands.NAV_TAKEOFF: takeoff,
         commands.NAV_LAND: commands.mode_command(AUTO_LAND),
         commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(AUTO_RTL),
-        commands.SET_MESSAGE_INTERVAL: commands.set_message_interval,
-        commands.GET_MESSAGE_INTERVAL: get_message_interval,
     }
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
         **parameters.MESSAGES,
         **missions.MESSAGES,
         **ftp.MESSAGES,
+        **gnss.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
-        commands.PING.id: commands.on_ping,
-    }
-    streamable: ClassVar[Mapping[int, Encoder]] = {
-        **streams.COMMON,
-        progress.MISSION_CURRENT.id: progress.mission_current,
+        clock.PING.id: clock.on_ping,
     }
     plan_rules: ClassVar[PlanRules] = PX4_RULES
     mission_mode: ClassVar[int] = AUTO_MISSION
     mission_modes: ClassVar[frozenset[int]] = frozenset({AUTO_MISSION, AUTO_LAND})
-    requestable: ClassVar[Mapping[int, Encoder]] = {
-        **streamable,
-        streams.AUTOPILOT_VERSION.id: streams.autopilot_version,
-    }
+    streamable: ClassVar[Mapping[int, Encoder]] = px4_telemetry.STREAMS
+    requestable: ClassVar[Mapping[int, Encoder]] = px4_telemetry.REQUESTS
 
     in_failsafe = False
     """OFFBOARD has lost its setpoints: POSCTL is flown until they come back."""
@@ -274,7 +270,7 @@ class Px4(Autopilot):
 
     def accepts_command(self, system: int, component: int, number: int) -> bool:
         """Ignore broadcast systems, but for the old version request."""
-        to_all = system == 0 and number == commands.REQUEST_AUTOPILOT_CAPABILITIES
+        to_all = system == 0 and number == requests.REQUEST_AUTOPILOT_CAPABILITIES
         ours = to_all or system == self.sysid
         return ours and component in {0, 1}
 
@@ -288,6 +284,18 @@ class Px4(Autopilot):
             return ["Arming denied: Resolve system health failures first\t"]
         can_arm = self._has_setpoints(now) if self.mode == OFFBOARD else MODES[self.mode].can_arm
         return None if can_arm else []
+
+    def sensor_bits(self, now: float) -> tuple[int, int, int]:
+        """Show nothing before the estimator runs, and the receiver last."""
+        if self.recorded_s(now) < SENSORS_S:
+            return (0, 0, SENSORS_HEALTHY)
+        if self.state.reception == Reception.DENIED:
+            return (SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY & ~SENSOR_GNSS)
+        seen = SENSOR_GNSS if self.is_ready(now) else 0
+        return (SENSORS_PRESENT | seen, SENSORS_ENABLED | seen, SENSORS_HEALTHY)
+
+    def announce_home(self, now: float) -> None:
+        """Wait to be asked."""
 
     def may_speak(self, link: Link, now: float) -> bool:
         """PX4 sends STATUSTEXT only while a ground station's heartbeat arrives there."""

@@ -8,6 +8,7 @@ from enum import Enum, IntEnum, auto
 from typing import Literal
 
 from mock_vehicle.dynamics import Limits
+from mock_vehicle.sensors.gnss import Fix
 
 
 class LandedState(IntEnum):
@@ -132,6 +133,17 @@ class Return:
 
 
 @dataclass(frozen=True, slots=True)
+class Motors:
+    """Pulses that SERVO_OUTPUT_RAW shows, us, and the thrust, 0..1, that hovers."""
+
+    disarmed_us: int
+    idle_us: int
+    hover_us: int
+    hover_thrust: float
+    unused_us: int
+
+
+@dataclass(frozen=True, slots=True)
 class Traits:
     """The numbers in which two autopilots differ; all measured, see `reference/`.
 
@@ -143,15 +155,35 @@ class Traits:
     capabilities: int
     """MAV_PROTOCOL_CAPABILITY bits."""
     flight_sw_version: int
+    other_versions: tuple[int, int, int, bytes, bytes]
+    """Of middleware, operating system and board, then git hashes of firmware and middleware."""
     limits: Limits
     modes: Mapping[int, Mode]
     """By custom_mode."""
     first_mode: int
-    sensors: int
-    """MAV_SYS_STATUS_SENSOR bits present and enabled."""
+    load: int
+    """SYS_STATUS.load, in thousandths."""
+    battery_kind: tuple[int, int]
+    """MAV_BATTERY_FUNCTION and MAV_BATTERY_TYPE."""
+    motors: Motors
+    fix: Fix
+    """What a good fix looks like."""
+    home_attitude: tuple[float, float, float, float]
+    """HOME_POSITION.q."""
+    guesses_airspeed: bool
+    """Whether VFR_HUD takes the ground speed for airspeed."""
+    estimator_flags: tuple[tuple[float, int], ...]
+    """(seconds since the recorded boot, flags), latest first."""
+    doubt_s: float
+    """Without any position for so long the estimator says `doubting_flags`."""
+    doubting_flags: int
+    dead_reckoning_s: float
+    """Without any position for so long there is none."""
     boot: Boot
     intervals_s: Mapping[Rates, Sequence[Mapping[int, float]]]
     """Streams that flow unasked, by message id, for each link: companion, ground station."""
+    sources_s: Mapping[int, float]
+    """By message id, the interval that none can undercut."""
     fixed_streams: frozenset[int]
     """Message ids whose interval nobody may change."""
     denial: int
@@ -164,6 +196,12 @@ class Traits:
     """MAV_RESULT for the interval of an unknown message."""
     request_refusal: int
     """MAV_RESULT for the request of an unknown message."""
+    unknown_interval_us: int
+    """MESSAGE_INTERVAL of an unknown message."""
+    unknown_interval_result: int
+    """MAV_RESULT for asking after it."""
+    acknowledges_first: bool
+    """Whether a requested message comes after its acknowledgement, not before."""
     vtol_state: int
     """MAV_VTOL_STATE in EXTENDED_SYS_STATE."""
     texts_armed: tuple[str, ...]

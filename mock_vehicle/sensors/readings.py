@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_vehicle.sensors.gnss import Reception
+
 Floats = NDArray[np.float64]
 
 
@@ -54,6 +56,12 @@ class Readings:
     """Per vehicle: the victims it sees now."""
     drift_ned_m: Floats
     """Shape (n, 3): estimated position = truth - home + drift."""
+    gnss_reception: NDArray[np.int8]
+    """Shape (n,): `gnss.Reception`."""
+    gnss_error_ned_m: Floats
+    """Shape (n, 3): fix - truth; without odometry the estimate is as wrong."""
+    has_odometry: bool = False
+    """Whether flow or vision tells the position where satellites do not."""
 
     @classmethod
     def blank(cls, n: int) -> Readings:
@@ -69,4 +77,6 @@ class Readings:
             peers=[[] for _ in range(n)],
             victims=[[] for _ in range(n)],
             drift_ned_m=np.zeros((n, 3)),
+            gnss_reception=np.full(n, Reception.PRESENT, dtype=np.int8),
+            gnss_error_ned_m=np.zeros((n, 3)),
         )

@@ -1,0 +1,140 @@
+"""What the vehicle sees around it: rangefinders, peers by radio, victims by infrared."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mock_vehicle.autopilot.clock import boot_ms, boot_us
+from mock_vehicle.autopilot.link import Encoder
+from mock_vehicle.sensors.rangefinder import CONE_DEG, RING
+from swarm_ctl import wire
+
+if TYPE_CHECKING:
+    from mock_vehicle.autopilot.base import Autopilot
+
+DISTANCE_SENSOR = wire.message("DISTANCE_SENSOR")
+LANDING_TARGET = wire.message("LANDING_TARGET")
+OBSTACLE_DISTANCE = wire.message("OBSTACLE_DISTANCE")
+
+RADIO_COMPID = 68
+NO_ROTATION = (0.0, 0.0, 0.0, 0.0)
+ORIENTATIONS = (0, 12, 6, 2, 24, 25)
+"""MAV_SENSOR_ROTATION of front, back, left, right, up, down."""
+ORIENTATION_CUSTOM = 100
+SENSOR_LASER, SENSOR_UNKNOWN = 0, 4
+FRAME_BODY_FRD = 12
+FARTHEST_CM = 0xFFFF
+LONGEST_RANGE_M = 654.0
+"""What fits into centimetres of 16 bits, with a number left for "nothing" that is not "unknown"."""
+FIELDS_OF_VIEW_RAD = (math.radians(CONE_DEG),) * 4 + (0.0, 0.0)
+MOUNTINGS = tuple(
+    (SENSOR_LASER, number, orientation, 0xFF, view_rad, 0.0, NO_ROTATION, 0)
+    for number, (orientation, view_rad) in enumerate(
+        zip(ORIENTATIONS, FIELDS_OF_VIEW_RAD, strict=True)
+    )
+)
+"""What DISTANCE_SENSOR says of each rangefinder after the distance."""
+RING_SPACING_DEG = 360 // RING
+
+
+def centimetres(metres: float) -> int:
+    """Round a range into the field's 16 bits; what is no number is as far as can be."""
+    return round(max(metres * 100.0, 0.0)) if metres < 655.0 else FARTHEST_CM
+
+
+def distance_sensors(autopilot: Autopilot, now: float) -> None:
+    """Send the rangefinders that work; beyond max_distance there is nothing."""
+    time, send = boot_ms(autopilot, now), autopilot.send
+    reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
+    nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
+    for range_m, mounting in zip(autopilot.state.ranges_m, MOUNTINGS, strict=True):
+        if range_m == range_m:  # noqa: PLR0124 - not NaN, and six times cheaper than asking
+            distance = round(range_m * 100.0) if range_m <= reach_m else farthest + 1
+            send(DISTANCE_SENSOR, time, nearest, farthest, distance, *mounting)
+
+
+def obstacle_distance(autopilot: Autopilot, now: float) -> None:
+    """Send OBSTACLE_DISTANCE, the level rays clockwise from the nose, unless they are broken."""
+    ring = autopilot.ring_m
+    if np.isnan(ring).any():
+        return
+    reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
+    nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
+    seen = ring <= reach_m
+    distances = np.rint(np.where(seen, ring, 0.0) * 100.0).astype(int)
+    autopilot.send(
+        OBSTACLE_DISTANCE,
+        boot_us(autopilot, now),
+        SENSOR_LASER,
+        np.where(seen, distances, farthest + 1).tolist(),
+        RING_SPACING_DEG,
+        nearest,
+        farthest,
+        float(RING_SPACING_DEG),
+        0.0,
+        FRAME_BODY_FRD,
+    )
+
+
+def peers(autopilot: Autopilot, now: float) -> None:
+    """Send what the radio measured of its peers: +x turned towards each, body FRD."""
+    time = boot_ms(autopilot, now)
+    for fix in autopilot.peers:
+        autopilot.send(
+            DISTANCE_SENSOR,
+            time,
+            0,
+            FARTHEST_CM,
+            centimetres(fix.range_m),
+            SENSOR_UNKNOWN,
+            fix.sysid & 0xFF,
+            ORIENTATION_CUSTOM,
+            0xFF,
+            0.0,
+            0.0,
+            quaternion_to(*fix.direction_body),
+            0,
+            compid=RADIO_COMPID,
+        )
+
+
+def quaternion_to(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """Turn +x into a unit direction by the shortest way: quaternion w, x, y, z."""
+    norm = math.sqrt((1.0 + x) ** 2 + z * z + y * y)
+    if norm < 1e-6:  # straight behind: half a turn
+        return (0.0, 0.0, 0.0, 1.0)
+    return ((1.0 + x) / norm, 0.0, -z / norm, y / norm)
+
+
+def victims(autopilot: Autopilot, now: float) -> None:
+    """Send what the infrared sensor sees."""
+    for fix in autopilot.victims:
+        x, y, z = fix.x_m, fix.y_m, fix.z_m
+        autopilot.send(
+            LANDING_TARGET,
+            boot_us(autopilot, now),
+            fix.target_num & 0xFF,
+            FRAME_BODY_FRD,
+            0.0,
+            0.0,
+            math.sqrt(x * x + y * y + z * z),
+            0.0,
+            0.0,
+            x,
+            y,
+            z,
+            NO_ROTATION,
+            0,
+            1,
+        )
+
+
+STREAMS: Mapping[int, Encoder] = {
+    DISTANCE_SENSOR.id: distance_sensors,
+    OBSTACLE_DISTANCE.id: obstacle_distance,
+}
+"""What flows at an interval, by message id; peers and victims come whenever they are met."""
