@@ -12,6 +12,7 @@ from mock_vehicle.autopilot import (
     commands,
     ftp,
     gnss,
+    mission_commands,
     missions,
     parameters,
     rates,
@@ -20,11 +21,13 @@ from mock_vehicle.autopilot import (
     tuning,
     uploads,
 )
+from mock_vehicle.autopilot.auto_rules import ARDUPILOT_AUTO, AutoRules
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.legs import NAVIGATION
 from mock_vehicle.autopilot.link import Encoder
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
-from mock_vehicle.autopilot.plans import ARDUPILOT_RULES, PlanRules
+from mock_vehicle.autopilot.plans import ARDUPILOT_RULES, Cmd, PlanRules
 from mock_vehicle.autopilot.traits import (
     Boot,
     LandedState,
@@ -97,7 +100,8 @@ MODES: Mapping[int, Mode] = {
     21: Mode("SMART_RTL", 89, Manoeuvre.RETURN),
     23: Mode("FOLLOW", 89, Manoeuvre.HOLD, can_enter=False),
 }
-ARMING_TEXTS: Mapping[int, str] = {AUTO: "Arm: Mode requires mission"}
+ALLOW_ARMING = 1
+"""The bit of AUTO_OPTIONS."""
 
 BANNER = "ArduCopter V4.7.0-dev (2598e9d4)"
 TRAITS = Traits(
@@ -225,6 +229,11 @@ class ArduPilot(Autopilot):
         commands.NAV_LAND: commands.mode_command(LAND),
         commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(RTL),
         commands.NAV_LOITER_UNLIM: commands.mode_command(LOITER),
+        mission_commands.MISSION_START: mission_commands.start_ardupilot,
+        mission_commands.DO_SET_MISSION_CURRENT: mission_commands.set_mission_current,
+        mission_commands.DO_PAUSE_CONTINUE: mission_commands.pause,
+        mission_commands.DO_CHANGE_SPEED: mission_commands.check_speed,
+        mission_commands.CONDITION_YAW: mission_commands.condition_yaw,
         requests.SET_MESSAGE_INTERVAL: set_message_interval,
     }
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
@@ -238,6 +247,7 @@ class ArduPilot(Autopilot):
         requests.REQUEST_DATA_STREAM.id: requests.on_request_data_stream,
     }
     plan_rules: ClassVar[PlanRules] = ARDUPILOT_RULES
+    auto_rules: ClassVar[AutoRules] = ARDUPILOT_AUTO
     mission_mode: ClassVar[int] = AUTO
     mission_modes: ClassVar[frozenset[int]] = frozenset({AUTO})
     streamable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
@@ -280,7 +290,11 @@ class ArduPilot(Autopilot):
         mode = MODES[self.mode]
         if mode.can_arm or force:
             return None
-        return [ARMING_TEXTS.get(self.mode, f"Arm: {mode.name} mode not armable")]
+        if self.mode == AUTO and not self.plans.has_mission:
+            return ["Arm: Mode requires mission"]
+        if self.mode == AUTO and int(self.parameters["AUTO_OPTIONS"]) & ALLOW_ARMING:
+            return None
+        return [f"Arm: {mode.name} mode not armable"]
 
     def sensor_bits(self, now: float) -> tuple[int, int, int]:  # noqa: ARG002
         """Show the receiver once it has had a fix, the estimator once it has an origin."""
@@ -312,11 +326,21 @@ class ArduPilot(Autopilot):
         if mode is None:
             self.say(Severity.WARNING, f"No such mode {number}", now)
             return Result.FAILED
-        if not mode.can_enter or (self.flying and not mode.can_enter_flying):
+        if not mode.can_enter or (number == AUTO and self.armed and not self._may_begin(now)):
             self.say(Severity.WARNING, f"Mode change to {mode.name} failed: init failed", now)
             return Result.FAILED
         self.enter(number, now)
         return Result.ACCEPTED
+
+    def _may_begin(self, now: float) -> bool:
+        """Whether there is a mission, and on the ground one that takes off."""
+        items = self.plans.mission
+        if self.flying or not self.plans.has_mission:
+            return self.plans.has_mission
+        begins = next((item.command for item in items[1:] if item.command in NAVIGATION), None)
+        if begins != Cmd.NAV_TAKEOFF:
+            self.say(Severity.CRITICAL, "Auto: Missing Takeoff Cmd", now)
+        return begins == Cmd.NAV_TAKEOFF
 
     def advance(self, now: float) -> None:
         """Brake when a velocity has grown old; a position is held for ever."""

@@ -12,9 +12,20 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_vehicle.autopilot import missions, ranging
+from mock_vehicle.autopilot import auto, missions, ranging
+from mock_vehicle.autopilot.auto_rules import AutoRules
 from mock_vehicle.autopilot.link import Encoder, Link, Streams
-from mock_vehicle.autopilot.manoeuvres import FLY, NAN, NOWHERE, STILL, STOP, Setpoint, Vector, fall
+from mock_vehicle.autopilot.manoeuvres import (
+    FLY,
+    NAN,
+    NOWHERE,
+    STILL,
+    STOP,
+    Orbit,
+    Setpoint,
+    Vector,
+    fall,
+)
 from mock_vehicle.autopilot.navigation import Navigation
 from mock_vehicle.autopilot.parameters import Dialect, Parameters, ParameterService
 from mock_vehicle.autopilot.plans import PlanRules
@@ -89,6 +100,7 @@ class Autopilot(ABC):
     requestable: ClassVar[Mapping[int, Encoder]]
     """Messages that REQUEST_MESSAGE gives, by id."""
     plan_rules: ClassVar[PlanRules]
+    auto_rules: ClassVar[AutoRules]
     mission_mode: ClassVar[int]
     """The mode that flies the mission."""
     mission_modes: ClassVar[frozenset[int]]
@@ -168,6 +180,11 @@ class Autopilot(ABC):
         self.plans.transfer = None
         self.progress = Progress()
         """How far the mission has been flown."""
+        self.speed_m_s: float | None = None
+        """Asked for in place of the cruise, until the mode changes."""
+        self.heading_rad = NAN
+        """Where the nose points unless a manoeuvre or a setpoint turns it."""
+        self.orbit = Orbit()
         self._has_flown = False
         self._manoeuvre_since = now
         self._armed_at = now
@@ -308,6 +325,7 @@ class Autopilot(ABC):
         """Run timers, steer, and queue the telemetry that is due."""
         self.advance(now)
         missions.watch(self, now)
+        auto.run(self, now)
         self._watch_ground(now)
         self.steer(now)
         for link in self.links if self.uptime_s(now) >= self.boot.heartbeat_s else ():
@@ -352,6 +370,8 @@ class Autopilot(ABC):
 
     def arm(self, now: float) -> None:
         """Start the motors."""
+        if self.mode == self.mission_mode:
+            auto.prepare(self)
         self.armed = True
         self.flying = self._has_flown = self.state.on_ground == 0.0
         self._armed_at = self._idle_since = now
@@ -369,6 +389,9 @@ class Autopilot(ABC):
         """Change to a mode of the table; the same mode again changes nothing."""
         if number != self.mode:
             self.mode = number
+            self.speed_m_s = None
+            if number == self.mission_mode:
+                auto.prepare(self)
             self.begin(self.traits.modes[number].manoeuvre, now)
 
     def begin(self, manoeuvre: Manoeuvre, now: float) -> None:
@@ -377,7 +400,30 @@ class Autopilot(ABC):
         self._manoeuvre_since = now
         self.hold_at = self.home_at = None
         self.setpoint = STOP
+        self.heading_rad = NAN
         self.steer(now)
+
+    def go_to(self, place_m: Vector, now: float) -> None:
+        """Fly to a place and stay there."""
+        self.begin(Manoeuvre.GO, now)
+        self.hold_at = place_m
+        self.steer(now)
+
+    def circle(self, orbit: Orbit, now: float) -> None:
+        """Fly round a place."""
+        self.orbit = orbit
+        self.begin(Manoeuvre.CIRCLE, now)
+
+    def return_in_mission(self, now: float) -> None:
+        """Fly home as an item of the mission."""
+        self.begin(Manoeuvre.RETURN, now)
+
+    @property
+    def cruise_m_s(self) -> float:
+        """How fast it flies from place to place."""
+        name, unit_m_s = self.auto_rules.cruise
+        cruise_m_s = self.parameters.finite(name, 0.1 / unit_m_s, 100.0 / unit_m_s) * unit_m_s
+        return cruise_m_s if self.speed_m_s is None else self.speed_m_s
 
     def accept_setpoint(self, setpoint: Setpoint, now: float) -> None:
         """Fly this from now on, if the manoeuvre follows setpoints."""
@@ -405,8 +451,14 @@ class Autopilot(ABC):
                 self._inform(self.traits.texts_landing, now)
         elif now - self._idle_since >= self._disarm_delay_s():
             if self._has_flown:
-                self._inform(self.traits.texts_disarmed_by_landing, now)
-            self.disarm(now)
+                self.disarm_landed(now)
+            else:
+                self.disarm(now)
+
+    def disarm_landed(self, now: float) -> None:
+        """Stop the motors after a landing."""
+        self._inform(self.traits.texts_disarmed_by_landing, now)
+        self.disarm(now)
 
     def _disarm_delay_s(self) -> float:
         is_landing = self.manoeuvre in {Manoeuvre.LAND, Manoeuvre.RETURN}
@@ -470,7 +522,8 @@ class Autopilot(ABC):
                 position_m[1] + home[1] - state.drift_east_m,
                 position_m[2] + home[2] - state.drift_down_m,
             )
-        truth.target_yaw_rad[index] = yaw_rad
+        is_steered = math.isfinite(yaw_rad) or math.isfinite(yaw_rate_rad_s)
+        truth.target_yaw_rad[index] = yaw_rad if is_steered else self.heading_rad
         truth.target_yaw_rate_rad_s[index] = yaw_rate_rad_s
 
     def hold_takeoff_height(self, now: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from mock_vehicle.autopilot.traits import Manoeuvre
@@ -21,6 +22,14 @@ BRAKED_M_S = 0.3
 HOME_REACHED_M = 0.5
 CLIMBED_M = 0.3
 """So near below its height a climb is over."""
+NEAR_M = 1.0
+"""Nearer than this to a place the position is held; further off a speed is planned."""
+COURSE_M = 2.0
+"""Nearer than this to a place the nose stays where it is."""
+CIRCLE_GAIN_1_S = 2.0
+"""Speed towards a circle per distance from it."""
+ORBIT_M_S = 3.0
+"""How fast circles are flown that say nothing of it."""
 REACTION_S = 0.3
 """A climb is planned this far ahead: ticks, delays and jerk limits eat as much."""
 
@@ -45,6 +54,19 @@ class Setpoint(NamedTuple):
         """Whether it asks to leave the ground."""
         climbs_to = self.position_m[2] < down_m - 0.1
         return climbs_to or self.velocity_m_s[2] < -0.05 or self.acceleration_m_s2[2] < 0.0
+
+
+@dataclass
+class Orbit:
+    """A circle that is flown, and how much of it."""
+
+    centre_m: Vector = NOWHERE
+    radius_m: float = 1.0
+    speed_m_s: float = 0.0
+    """Positive is clockwise, seen from above."""
+    turned_rad: float = 0.0
+    bearing_rad: float = NAN
+    """Of the vehicle, seen from the centre, when it was last steered."""
 
 
 STOP = Setpoint(velocity_m_s=STILL)
@@ -130,6 +152,53 @@ def go_home(autopilot: Autopilot, now: float) -> None:
             autopilot.begin(Manoeuvre.LAND, now)
 
 
+def go(autopilot: Autopilot, now: float) -> None:
+    """Fly straight to a place, nose ahead, braking in time, and stay there."""
+    if autopilot.hold_at is None:
+        hold(autopilot, now)
+        return
+    distance_m = math.dist(autopilot.hold_at, autopilot.state[:3])
+    if distance_m < NEAR_M:
+        autopilot.command(Control.POSITION, position_m=autopilot.hold_at)
+        return
+    north, east, down = (
+        (there - here) / distance_m
+        for there, here in zip(autopilot.hold_at, autopilot.state[:3], strict=True)
+    )
+    speed = _speed_along(autopilot, (north, east, down), distance_m)
+    is_far = math.hypot(north, east) * distance_m > COURSE_M
+    course_rad = math.atan2(east, north) if is_far and math.isnan(autopilot.heading_rad) else NAN
+    velocity = (speed * north, speed * east, speed * down)
+    autopilot.command(Control.VELOCITY, velocity, yaw_rad=course_rad)
+
+
+def _speed_along(autopilot: Autopilot, direction: Vector, distance_m: float) -> float:
+    """Plan a speed that is gained slowly, and lost again before the end of the way."""
+    rules, loop = autopilot.auto_rules, autopilot.traits.limits.horizontal
+    along = sum(v * d for v, d in zip(autopilot.state[3:6], direction, strict=True))
+    gained = max(along, 0.0) + rules.accel_m_s2 / loop.velocity_gain_1_s
+    braking = math.sqrt(2.0 * rules.brake_m_s2 * distance_m)
+    steepest = rules.sink_m_s if direction[2] > 0.0 else rules.climb_m_s
+    vertical = steepest / max(abs(direction[2]), 1e-6)
+    return min(autopilot.cruise_m_s, gained, braking, vertical)
+
+
+def circle(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
+    """Fly round a place, nose to it, onto the circle and along it."""
+    state, orbit = autopilot.state, autopilot.orbit
+    north, east = state.north_m - orbit.centre_m[0], state.east_m - orbit.centre_m[1]
+    bearing = math.atan2(east, north)
+    if math.isfinite(orbit.bearing_rad):
+        orbit.turned_rad += abs(math.remainder(bearing - orbit.bearing_rad, math.tau))
+    orbit.bearing_rad = bearing
+    limit = abs(orbit.speed_m_s)
+    outwards = CIRCLE_GAIN_1_S * (orbit.radius_m - math.hypot(north, east))
+    outwards = max(min(outwards, limit), -limit)
+    velocity = rotated((outwards, orbit.speed_m_s, 0.0), bearing)
+    height = (NAN, NAN, orbit.centre_m[2])
+    autopilot.command(Control.POSITION, velocity, height, bearing + math.pi)
+
+
 def land(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
     """Brake, and descend where the vehicle is."""
     height = -autopilot.state.down_m
@@ -170,6 +239,8 @@ FLY: Mapping[Manoeuvre, Callable[[Autopilot, float], None]] = {
     Manoeuvre.HOLD: hold,
     Manoeuvre.TAKEOFF: take_off,
     Manoeuvre.SETPOINT: follow_setpoint,
+    Manoeuvre.GO: go,
+    Manoeuvre.CIRCLE: circle,
     Manoeuvre.RETURN: go_home,
     Manoeuvre.LAND: land,
     Manoeuvre.SINK: sink,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from mock_vehicle.autopilot.plans import Item
 from mock_vehicle.autopilot.transfers import is_ours
 from swarm_ctl import wire
 
@@ -31,6 +32,24 @@ class MissionState(IntEnum):
 
 
 @dataclass
+class Leg:
+    """One NAV_ item that is being flown."""
+
+    sequence: int
+    item: Item
+    todo: list[tuple[int, Item]]
+    """Items without a place that are still to be done, and their numbers."""
+    since: float
+    """When the first of `todo` was begun."""
+    is_begun: bool = False
+    """False as long as a take-off, or leave to start, is missing."""
+    is_last: bool = False
+    is_reached: bool = False
+    """MISSION_ITEM_REACHED has been sent."""
+    arrived_at: float | None = None
+
+
+@dataclass
 class Progress:
     """How far the mission has been flown."""
 
@@ -38,8 +57,14 @@ class Progress:
     """MISSION_CURRENT.seq."""
     is_begun: bool = False
     is_complete: bool = False
+    is_paused: bool = False
+    may_leave_ground: bool = False
+    """MISSION_START has come."""
     reached: int = 0
     reached_at: float = -math.inf
+    leg: Leg | None = None
+    jumps: dict[int, int] = field(default_factory=dict)
+    """How often each DO_JUMP was followed."""
 
 
 def on_set_current(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
@@ -54,7 +79,9 @@ def set_current(autopilot: Autopilot, sequence: int) -> bool:
     if not plans.has_mission or not 0 <= sequence < len(plans.mission):
         return False
     autopilot.progress = Progress(
-        current=max(sequence, int(plans.rules.has_home)), is_begun=progress.is_begun
+        current=max(sequence, int(plans.rules.has_home)),
+        is_begun=progress.is_begun,
+        may_leave_ground=progress.may_leave_ground,
     )
     return True
 
@@ -66,10 +93,13 @@ def mission_state(autopilot: Autopilot) -> MissionState:
         return MissionState.NO_MISSION
     if progress.is_complete:
         return MissionState.COMPLETE
-    if progress.is_begun and autopilot.armed and autopilot.mode == autopilot.mission_mode:
+    if not progress.is_begun or not autopilot.armed:
+        return MissionState.NOT_STARTED
+    if progress.is_paused:
+        return MissionState.PAUSED
+    if autopilot.mode == autopilot.mission_mode:
         return MissionState.ACTIVE
-    has_left = progress.is_begun and autopilot.armed and autopilot.plans.rules.has_sessions
-    return MissionState.PAUSED if has_left else MissionState.NOT_STARTED
+    return autopilot.auto_rules.left_state
 
 
 def mission_current(autopilot: Autopilot, now: float) -> None:

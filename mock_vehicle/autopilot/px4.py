@@ -11,6 +11,7 @@ from mock_vehicle.autopilot import (
     commands,
     ftp,
     gnss,
+    mission_commands,
     missions,
     parameters,
     px4_telemetry,
@@ -18,6 +19,7 @@ from mock_vehicle.autopilot import (
     requests,
     tuning,
 )
+from mock_vehicle.autopilot.auto_rules import PX4_AUTO, AutoRules
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.link import Encoder, Link
@@ -223,6 +225,8 @@ class Px4(Autopilot):
         commands.NAV_TAKEOFF: takeoff,
         commands.NAV_LAND: commands.mode_command(AUTO_LAND),
         commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(AUTO_RTL),
+        mission_commands.MISSION_START: mission_commands.start_px4,
+        mission_commands.DO_CHANGE_SPEED: mission_commands.accept_speed,
     }
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
@@ -234,6 +238,7 @@ class Px4(Autopilot):
         clock.PING.id: clock.on_ping,
     }
     plan_rules: ClassVar[PlanRules] = PX4_RULES
+    auto_rules: ClassVar[AutoRules] = PX4_AUTO
     mission_mode: ClassVar[int] = AUTO_MISSION
     mission_modes: ClassVar[frozenset[int]] = frozenset({AUTO_MISSION, AUTO_LAND})
     streamable: ClassVar[Mapping[int, Encoder]] = px4_telemetry.STREAMS
@@ -282,7 +287,9 @@ class Px4(Autopilot):
         """Refuse before the boot is over, and in a mode that cannot fly."""
         if not self.is_ready(now):
             return ["Arming denied: Resolve system health failures first\t"]
-        can_arm = self._has_setpoints(now) if self.mode == OFFBOARD else MODES[self.mode].can_arm
+        can_arm = MODES[self.mode].can_arm
+        if self.mode in {OFFBOARD, AUTO_MISSION}:
+            can_arm = self._can_enter_armed(self.mode, now)
         return None if can_arm else []
 
     def sensor_bits(self, now: float) -> tuple[int, int, int]:
@@ -320,6 +327,8 @@ class Px4(Autopilot):
     def _can_enter_armed(self, number: int, now: float) -> bool:
         if number == OFFBOARD:
             return self._has_setpoints(now)
+        if number == AUTO_MISSION:
+            return self.plans.has_mission
         return MODES[number].can_enter_flying
 
     def _has_setpoints(self, now: float) -> bool:
@@ -350,9 +359,14 @@ class Px4(Autopilot):
         self.say(Severity.CRITICAL, "Failsafe activated\t", now)
         self.begin(Manoeuvre.SINK, now)
 
+    def return_in_mission(self, now: float) -> None:
+        """Change to the mode that returns: the item is nothing more."""
+        self.enter(AUTO_RTL, now)
+
     def takeoff_done(self, now: float) -> None:
-        """PX4 loiters by itself after a take-off."""
-        self.mode = AUTO_LOITER
+        """PX4 loiters by itself after a take-off, and goes on with a mission."""
+        if self.mode != AUTO_MISSION:
+            self.mode = AUTO_LOITER
         self.hold_takeoff_height(now)
 
     def receive_setpoint(self, values: Any, now: float) -> None:

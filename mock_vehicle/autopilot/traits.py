@@ -46,6 +46,9 @@ class Manoeuvre(Enum):
     HOLD = auto()
     TAKEOFF = auto()
     SETPOINT = auto()
+    GO = auto()
+    """To a place, there to stay."""
+    CIRCLE = auto()
     RETURN = auto()
     LAND = auto()
     SINK = auto()
@@ -58,6 +61,8 @@ FLIGHT_STATES: Mapping[Manoeuvre, LandedState] = {
     Manoeuvre.HOLD: LandedState.IN_AIR,
     Manoeuvre.TAKEOFF: LandedState.TAKEOFF,
     Manoeuvre.SETPOINT: LandedState.IN_AIR,
+    Manoeuvre.GO: LandedState.IN_AIR,
+    Manoeuvre.CIRCLE: LandedState.IN_AIR,
     Manoeuvre.RETURN: LandedState.IN_AIR,
     Manoeuvre.LAND: LandedState.LANDING,
     Manoeuvre.SINK: LandedState.IN_AIR,
