@@ -24,7 +24,7 @@ from mock_vehicle.options import SYSID_MAX, Autopilot, Boot, Telemetry
 from mock_vehicle.ports import LOCALHOST, plan_gcs_ports, plan_ports
 from mock_vehicle.server import Port, Server
 from mock_vehicle.vehicle import personalities
-from mock_vehicle.world import load_world
+from mock_vehicle.world import load_world, read_faults
 from mock_vehicle.world.field import open_field
 
 Show = Callable[[Fleet, Server], AbstractContextManager[Callable[[], None]]]
@@ -50,6 +50,8 @@ def run(
     remote: options.Remote = None,
     seed: options.Seed = 1,
     fault: options.FaultList = None,
+    faults: options.FaultFile = None,
+    list_faults: options.ListFaults = False,  # noqa: ARG001 - its callback has done all, too
     out: options.Out = None,
     as_json: options.Json = False,
     schema: options.Schema = False,  # noqa: ARG001 - its callback has done all there is to do
@@ -69,7 +71,7 @@ def run(
             first_sysid=sysid,
             boot_s=None if boot is Boot.REAL else READY_S,
             rates=rates.value,
-            faults=[parse_fault(text) for text in fault or ()],
+            faults=[*(read_faults(faults) if faults else ()), *map(parse_fault, fault or ())],
         )
     except (MockVehicleError, ValueError, OSError) as error:
         _give_up(error)

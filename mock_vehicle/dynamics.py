@@ -106,6 +106,8 @@ class Dynamics:
         self.yaw_rate_rad_s: Floats = np.zeros(n)
         self.on_ground: NDArray[np.bool_] = self.position_ned_m[:, 2] >= 0.0
         self.control: NDArray[np.int8] = np.zeros(n, dtype=np.int8)
+        self.motor_lost: NDArray[np.bool_] = np.zeros(n, dtype=bool)
+        """Who cannot hold its attitude, whatever its controller follows, and drops."""
         self.target_position_ned_m: Floats = np.full((n, 3), np.nan)
         self.target_velocity_ned_m_s: Floats = np.zeros((n, 3))
         self.target_yaw_rad: Floats = np.full(n, np.nan)
@@ -197,7 +199,7 @@ class Dynamics:
         """
         if dt != self._dt:
             self._take_step(dt)
-        running = self.control != Control.OFF
+        running = (self.control != Control.OFF) & ~self.motor_lost
         powered = running[:, None]
         velocity = self.velocity_ned_m_s
         all_running = bool(running.all())

@@ -11,28 +11,23 @@ from numpy.typing import NDArray
 
 from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.dynamics import Control, Dynamics
-from mock_vehicle.faults import (
-    BATTERY_LEFT,
-    FREEZE_S,
-    Fault,
-    FleetKilled,
-    Schedule,
-    check,
-    world_faults,
-)
+from mock_vehicle.faults import Fault, check
 from mock_vehicle.geodesy import Origin
+from mock_vehicle.lossy import LossyLinks, Place
 from mock_vehicle.radio import Radio
 from mock_vehicle.referee import PARTED_M, Referee
 from mock_vehicle.sensors.battery import Batteries
 from mock_vehicle.sensors.gnss import Gnss, Reception
 from mock_vehicle.sensors.infrared import Infrared
+from mock_vehicle.sensors.odometry import Odometry
 from mock_vehicle.sensors.rangefinder import BODY_RADIUS_M, RANGE_MIN_M, Rangefinders
 from mock_vehicle.sensors.readings import Readings
+from mock_vehicle.trouble import Troubles
 from mock_vehicle.vehicle import LIMITS, Personality, Vehicle, packed, refresh_all
+from mock_vehicle.wind import Wind
 
 if TYPE_CHECKING:
     from mock_vehicle.world import World
-    from mock_vehicle.world.spec import WindSpec
 
 FLOATS = NDArray[np.float64]
 INDICES = NDArray[np.intp]
@@ -46,10 +41,6 @@ REACH_S = 0.15
 """Whoever cannot touch anything within this time at twice its speed is not checked each step."""
 PROBES_M = 0.01 * np.eye(3)
 """Steps of the finite differences that tell where a wall pushes."""
-DRIFT_TURN_RAD_SQRT_S = 0.06
-"""Random walk of the direction in which odometry drifts."""
-GUST_S = 3.0
-"""Correlation time of gusts."""
 
 
 class Fleet:
@@ -76,8 +67,7 @@ class Fleet:
         self.n = len(self.personalities)
         self.sysids = list(range(first_sysid, first_sysid + self.n))
         check(faults, self.sysids)
-        struck = [f for f in world_faults(world) if f.vehicle in {None, *self.sysids}]
-        self._faults = Schedule([*struck, *faults])
+        ours = [f for f in world.spec.faults if f.vehicle in {None, *self.sysids}]
         rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
         self.step_s = FULL_STEP_S if rates == "full" else STEP_S
         """Mission time of one `step`."""
@@ -86,8 +76,11 @@ class Fleet:
         self._pack = list if rates == "full" else packed
         self._build(world, personalities, seed, boot_s, rates)
         self._equip(world, rngs)
+        self.links = LossyLinks(seed)
+        """What lies between autopilots and their peers."""
+        self._troubles = Troubles(self, [*ours, *faults])
+        self._now = 0.0
         self._steps = 0
-        self._frozen_until = np.zeros(self.n)
         self._near_walls: INDICES = np.arange(self.n)
         first, second = np.triu_indices(self.n, 1)
         self._near_pairs: tuple[INDICES, INDICES] = (first, second)
@@ -129,10 +122,9 @@ class Fleet:
 
     def _equip(self, world: World, rngs: list[np.random.Generator]) -> None:
         spec, sensors = world.spec, world.spec.sensors
-        self._rangefinders = Rangefinders(
+        self.rangefinders = Rangefinders(
             range_max_m=sensors.range_max_m, noise_m=sensors.range_noise_m, rng=rngs[0]
         )
-        self._ranges_lost = np.zeros(self.n, dtype=bool)
         self._infrared = Infrared(world)
         self.batteries = Batteries(self.n)
         self.radio = Radio(
@@ -144,8 +136,8 @@ class Fleet:
             bearing_noise_rad=math.radians(sensors.bearing_noise_deg),
             rng=rngs[1],
         )
-        self._drift = _Drift(self.starts_ned_m, sensors.odometry_drift_fraction, rngs[2])
-        self._wind = _Wind(spec.wind, rngs[3])
+        self.odometry = Odometry(self.starts_ned_m, sensors.odometry_drift_fraction, rngs[2])
+        self.wind = Wind(spec.wind, self.n, rngs[3])
         self.gnss = Gnss(self.n, Reception[spec.gnss.reception.upper()], rngs[4])
         self.referee = Referee(world, self.vehicles, self.batteries, self.starts_ned_m)
 
@@ -156,27 +148,43 @@ class Fleet:
         return [(index, link) for link, index in sorted(pairs)]
 
     def receive(self, index: int, data: bytes, now: float, link: int = 0) -> None:
-        """Take a datagram that arrived over a link of vehicle `index`."""
-        if not self._hears(index, now):
-            return
-        for frame in self.vehicles[index].receive(data, now, link):
-            self.radio.send(index, frame, now)
+        """Take a datagram that was sent over a link to vehicle `index`."""
+        self._now = now
+        for arrived in self.links.carry(Place(index, link, "uplink"), [data], now):
+            self._hear(index, arrived, now, link)
+
+    def _hear(self, index: int, data: bytes, now: float, link: int) -> None:
+        if self.vehicles[index].hears:
+            for frame in self.vehicles[index].receive(data, now, link):
+                self.radio.send(index, frame, now)
 
     def answers(self, index: int, link: int = 0) -> list[bytes]:
         """Take the datagrams that are ready to leave over a link, without waiting for a tick."""
-        return self._pack(self.vehicles[index].take(link))
+        frames = self.vehicles[index].take(link)
+        return self._pack(self.links.carry(Place(index, link, "downlink"), frames, self._now))
+
+    def strike(self, fault: Fault, now: float) -> None:
+        """Break something now, whatever time the fault says; ValueError if nobody is struck."""
+        check([fault], self.sysids)
+        self._troubles.strike(fault, now)
+
+    def heal(self, now: float, *, vehicle: int | None = None, kind: str | None = None) -> None:
+        """End what is broken for a while: of one vehicle (sysid) or all, of one kind or all."""
+        self._troubles.heal(now, vehicle=vehicle, kind=kind)
 
     def step(self, now: float) -> list[tuple[int, bytes]]:
         """Advance by `step_s` to `now`; give the datagrams (index, bytes) for the companions.
 
         Those for ground stations wait for `answers`.
         """
-        for fault in self._faults.due(now):
-            self._strike(fault, now)
+        self._now = now
+        self._troubles.turn(now)
+        for place, data in self.links.late("uplink", now):
+            self._hear(place.vehicle, data, now, place.link)
         for index, frame in self.radio.carry(now):
-            if self._hears(index, now):
+            if self.vehicles[index].hears:
                 self.vehicles[index].deliver(frame)
-        self.dynamics.step(self.step_s, self._wind.over(self.dynamics.on_ground))
+        self.dynamics.step(self.step_s, self.wind.over(self.dynamics.on_ground))
         self._steps += 1
         if self._steps % 2 == 0:
             self._touch_walls()
@@ -184,7 +192,8 @@ class Fleet:
         sensed = self._steps % self._steps_per_sample == 0
         if sensed:
             self._sample(now)
-        return [] if self._steps % self._steps_per_tick else self._tick(now, sensed=sensed)
+        late = [(at.vehicle, data) for at, data in self.links.late("downlink", now, links=(0,))]
+        return late if self._steps % self._steps_per_tick else late + self._tick(now, sensed=sensed)
 
     def _sample(self, now: float) -> None:
         """Let all sensors measure and the referee look."""
@@ -197,7 +206,7 @@ class Fleet:
         self._read(distances, alive, sightings)
         self._drain(alive)
         self.referee.sample(now, position, airborne, distances, sightings)
-        self._wind.blow(TICK_S)
+        self.wind.blow(TICK_S)
         self._find_near(distances)
 
     def _tick(self, now: float, *, sensed: bool) -> list[tuple[int, bytes]]:
@@ -205,9 +214,10 @@ class Fleet:
         refresh_all(self.vehicles, self.dynamics, self.readings, sensed=sensed)
         leaving: list[tuple[int, bytes]] = []
         for index, vehicle in enumerate(self.vehicles):
-            if self._hears(index, now):
+            if vehicle.hears:
                 vehicle.tick(now)
-                leaving += [(index, data) for data in self._pack(vehicle.take())]
+                frames = self.links.carry(Place(index, 0, "downlink"), vehicle.take(), now)
+                leaving += [(index, data) for data in self._pack(frames)]
         return leaving
 
     def _read(
@@ -216,16 +226,15 @@ class Fleet:
         """Write the readings of rangefinders, radio, infrared and odometry."""
         body, readings = self.dynamics, self.readings
         position, attitude = body.position_ned_m, (body.roll_rad, body.pitch_rad, body.yaw_rad)
-        close = distances < self._rangefinders.range_max_m + BODY_RADIUS_M
+        close = distances < self.rangefinders.range_max_m + BODY_RADIUS_M
         np.fill_diagonal(close, val=False)
         seer, seen = np.nonzero(close)
-        ranges = self._rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen))
+        ranges = self.rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen))
         readings.ranges_m[:], readings.ring_m[:] = ranges
-        readings.ranges_m[self._ranges_lost] = readings.ring_m[self._ranges_lost] = math.nan
         self.radio.update(distances, alive)
         readings.peers[:] = self.radio.fixes(position, attitude)
         readings.victims[:] = self._infrared.fixes(sightings, position, attitude)
-        readings.drift_ned_m[:] = self._drift.move(position)
+        readings.drift_ned_m[:] = self.odometry.move(position, TICK_S)
         readings.gnss_error_ned_m[:] = self.gnss.measure(TICK_S)
         readings.gnss_reception[:] = self.gnss.reception
 
@@ -241,36 +250,10 @@ class Fleet:
             spinning=spinning,
         )
         for index in np.nonzero(alive & (self.batteries.fraction <= 0.0))[0].tolist():
-            self._kill(index)
+            self.vehicles[index].die()
         self.readings.battery_fraction[:] = self.batteries.fraction
         self.readings.battery_voltage_v[:] = self.batteries.voltage_v
         self.readings.battery_current_a[:] = self.batteries.current_a
-
-    def _hears(self, index: int, now: float) -> bool:
-        """Tell whether the autopilot answers: it is alive and not frozen."""
-        return self.vehicles[index].alive and now >= self._frozen_until[index]
-
-    def _strike(self, fault: Fault, now: float) -> None:
-        if fault.kind == "fleet":
-            raise FleetKilled
-        for index, sysid in enumerate(self.sysids):
-            if fault.vehicle not in {None, sysid}:
-                continue
-            match fault.kind:
-                case "dead":
-                    self._kill(index)
-                case "silent-radio":
-                    self.radio.silence(sysid)
-                case "battery":
-                    self.batteries.discharge_to(index, BATTERY_LEFT)
-                case "rangefinder":
-                    self._ranges_lost[index] = True
-                case "freeze":
-                    self._frozen_until[index] = now + FREEZE_S
-
-    def _kill(self, index: int) -> None:
-        self.vehicles[index].alive = False
-        self.dynamics.control[index] = Control.OFF
 
     def _find_near(self, distances: FLOATS) -> None:
         """Note who could touch something before the next tick; only they are checked each step."""
@@ -321,54 +304,3 @@ class Fleet:
                 if not grounded[index]:
                     position[index] += 0.5 * depth * direction[0]
                     self.dynamics.stop_along(np.array([index]), direction)
-
-
-class _Drift:
-    """Odometry that loses a fraction of the way flown, in a direction that turns slowly."""
-
-    def __init__(self, start_ned_m: FLOATS, fraction: float, rng: np.random.Generator) -> None:
-        n = len(start_ned_m)
-        self._fraction, self._rng = fraction, rng
-        self._last_ned_m = start_ned_m.copy()
-        self._heading_rad = rng.uniform(-math.pi, math.pi, n)
-        self._drift_ned_m = np.zeros((n, 3))
-
-    def move(self, position_ned_m: FLOATS) -> FLOATS:
-        """Add the drift of the way since the last tick, horizontally: height has a barometer."""
-        if self._fraction > 0.0:
-            way = position_ned_m - self._last_ned_m
-            lost = self._fraction * np.sqrt(np.einsum("ij,ij->i", way, way))
-            self._drift_ned_m[:, 0] += lost * np.cos(self._heading_rad)
-            self._drift_ned_m[:, 1] += lost * np.sin(self._heading_rad)
-            turn = DRIFT_TURN_RAD_SQRT_S * math.sqrt(TICK_S)
-            self._heading_rad += self._rng.normal(0.0, turn, len(lost))
-            self._last_ned_m = position_ned_m.copy()
-        return self._drift_ned_m
-
-
-class _Wind:
-    """Mean wind and first-order Gauss-Markov gusts, the same everywhere."""
-
-    def __init__(self, spec: WindSpec, rng: np.random.Generator) -> None:
-        from_rad = math.radians(spec.from_deg)
-        towards_ned = -np.array([math.sin(from_rad), math.cos(from_rad), 0.0])
-        self._mean_ned_m_s = spec.speed_m_s * towards_ned
-        self._gust_m_s, self._rng = spec.gust_m_s, rng
-        self._gust_ned_m_s = np.zeros(3)
-        self._velocity_ned_m_s = self._mean_ned_m_s
-        self._is_calm = not (spec.speed_m_s or spec.gust_m_s)
-
-    def over(self, on_ground: NDArray[np.bool_]) -> FLOATS:
-        """Give the wind for each vehicle, (n, 3) or (3,); the parked are not blown away."""
-        if self._is_calm:
-            return self._velocity_ned_m_s
-        return np.where(on_ground[:, None], 0.0, self._velocity_ned_m_s)
-
-    def blow(self, dt: float) -> None:
-        """Let the gusts change."""
-        if self._gust_m_s > 0.0:
-            kept = math.exp(-dt / GUST_S)
-            fresh = self._gust_m_s * math.sqrt(1.0 - kept**2)
-            draw = self._rng.normal(0.0, fresh, 3) * (1.0, 1.0, 0.3)  # gusts are flat
-            self._gust_ned_m_s = kept * self._gust_ned_m_s + draw
-            self._velocity_ned_m_s = self._mean_ned_m_s + self._gust_ned_m_s

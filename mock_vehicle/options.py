@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from mock_vehicle.faults import describe
+
 SYSID_MAX = 255
 VEHICLES, TIME, NETWORK, WORLD, OUTPUT = (
     "Vehicles",
@@ -46,6 +48,12 @@ def _print_schema(wanted: bool) -> None:
         from mock_vehicle.world.schema import world_schema  # noqa: PLC0415 - one run in a thousand
 
         typer.echo(json.dumps(world_schema(), indent=2))
+        raise typer.Exit
+
+
+def _print_faults(wanted: bool) -> None:
+    if wanted:
+        typer.echo(describe.text())
         raise typer.Exit
 
 
@@ -132,8 +140,22 @@ FaultList = Annotated[
     list[str] | None,
     typer.Option(
         "--fault",
-        help="What goes wrong; repeatable.",
-        metavar="KIND:SYSID@SECONDS",
+        help="What goes wrong, as dead:3@60 or link-delay:2@10+5,delay_s=0.3; repeatable.",
+        metavar="KIND[:SYSID]@SECONDS[+DURATION][,NAME=VALUE...]",
+        rich_help_panel=WORLD,
+    ),
+]
+FaultFile = Annotated[
+    Path | None,
+    typer.Option(help="File of faults (YAML), a list as in a world file.", rich_help_panel=WORLD),
+]
+ListFaults = Annotated[
+    bool,
+    typer.Option(
+        "--list-faults",
+        help="Print what can go wrong and exit.",
+        callback=_print_faults,
+        is_eager=True,
         rich_help_panel=WORLD,
     ),
 ]

@@ -12,6 +12,7 @@ from mock_vehicle.sensors.readings import PeerFix
 
 FLOATS = NDArray[np.float64]
 BOOLS = NDArray[np.bool_]
+INDICES = NDArray[np.intp]
 
 
 class Radio:
@@ -35,6 +36,8 @@ class Radio:
         self._range_noise_m = range_noise_m
         self._bearing_noise_rad = bearing_noise_rad
         self._rng = rng
+        self.extra_loss: FLOATS = np.zeros(len(self._sysids))
+        """Share of frames that a vehicle's radio loses beside the usual, (n,)."""
         self._silent = np.zeros(len(self._sysids), dtype=bool)
         self._air: list[tuple[float, int, bytes]] = []
         self.linked: BOOLS = np.zeros((len(self._sysids),) * 2, dtype=bool)
@@ -63,7 +66,8 @@ class Radio:
         """Measure every heard peer: range, and direction in the hearer's body FRD frame."""
         heard: list[list[PeerFix]] = [[] for _ in self._sysids]
         hearer, peer = np.nonzero(self.linked)
-        hearer, peer = self._received(hearer, peer)
+        received = self._receives(hearer, peer)
+        hearer, peer = hearer[received], peer[received]
         if not len(hearer):
             return heard
         gap = position_ned_m[peer] - position_ned_m[hearer]
@@ -93,13 +97,13 @@ class Radio:
         arrived: list[tuple[int, bytes]] = []
         for _, sender, frame in due:
             (hearers,) = np.nonzero(self.linked[sender])
-            hearers = self._received(hearers)[0]
-            arrived += [(hearer, frame) for hearer in hearers.tolist()]
+            received = self._receives(hearers, sender)
+            arrived += [(hearer, frame) for hearer in hearers[received].tolist()]
         return arrived
 
-    def _received(self, *links: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
+    def _receives(self, hearer: INDICES, talker: INDICES | int) -> BOOLS | slice:
         """Lose a fraction of the transmissions."""
-        if self._loss_fraction <= 0.0:
-            return links
-        kept = self._rng.random(len(links[0])) >= self._loss_fraction
-        return tuple(link[kept] for link in links)
+        if self._loss_fraction <= 0.0 and not self.extra_loss.any():
+            return slice(None)
+        extra = np.maximum(self.extra_loss[hearer], self.extra_loss[talker])
+        return self._rng.random(len(hearer)) >= np.maximum(self._loss_fraction, extra)

@@ -70,6 +70,8 @@ class Vehicle:
         self.home_ned_m = (north, east, down)
         self.alive = True
         """A dead vehicle falls, and answers nothing."""
+        self.frozen = False
+        """A frozen autopilot is silent and hears nothing, and its motors run on."""
         self.received = 0
         """Frames understood."""
         self._dynamics = dynamics
@@ -85,6 +87,11 @@ class Vehicle:
             parameters=parameters,
         )
         refresh_all([self], dynamics, readings)
+
+    @property
+    def hears(self) -> bool:
+        """Whether its autopilot works: it is alive and not frozen."""
+        return self.alive and not self.frozen
 
     @property
     def links(self) -> int:
@@ -115,6 +122,11 @@ class Vehicle:
     def setpoint_times(self) -> deque[float]:
         """Arrivals of accepted setpoints."""
         return self.autopilot.setpoint_times
+
+    def die(self) -> None:
+        """Fall silent and drop."""
+        self.alive = False
+        self._dynamics.control[self.index] = Control.OFF
 
     def refresh(
         self, row: list[float], peers: list[PeerFix], victims: list[VictimFix], readings: Readings

@@ -41,6 +41,7 @@ from mock_vehicle.autopilot.traits import (
 )
 from mock_vehicle.autopilot.transfers import Plans
 from mock_vehicle.dynamics import Control, Dynamics
+from mock_vehicle.faults import Trouble
 from mock_vehicle.geodesy import Origin
 from swarm_ctl import wire
 
@@ -138,6 +139,10 @@ class Autopilot(ABC):
         self.range_max_m = 0.0
         self.plans = Plans(self.plan_rules)
         """Missions, geofence and rally points; they survive reboots."""
+        self.refusals: Sequence[Trouble] = ()
+        """Commands that are refused, whatever they ask."""
+        self.stale_state: State | None = None
+        """What the streams repeat while telemetry is frozen."""
         self._rates = rates
         self._boot_s = boot_s
         self.parameters = Parameters(
@@ -328,9 +333,11 @@ class Autopilot(ABC):
         auto.run(self, now)
         self._watch_ground(now)
         self.steer(now)
+        current, self.state = self.state, self.stale_state or self.state
         for link in self.links if self.uptime_s(now) >= self.boot.heartbeat_s else ():
             self.to = (link,)
             link.streams.run(self, now)
+        self.state = current
         self.to = self.links
         self.parameter_service.run(self, now)
         self.to = self.links[:1]
@@ -436,8 +443,8 @@ class Autopilot(ABC):
     # The ground.
 
     def _watch_ground(self, now: float) -> None:
-        if self.state.on_ground == 0.0:
-            self._touched_at = None
+        if self.state.on_ground == 0.0 or self.truth.motor_lost[self.index]:
+            self._touched_at = None  # ArduPilot believes that it flies when it lies there
             return
         if self._touched_at is None:
             self._touched_at = now

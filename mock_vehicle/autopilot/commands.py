@@ -82,10 +82,22 @@ def acknowledge(autopilot: Autopilot, command: Command, result: int) -> None:
 
 def execute(autopilot: Autopilot, command: Command, now: float) -> None:
     """Run a command through the personality's table and acknowledge it."""
+    refusal = _forced_refusal(autopilot, command.number)
+    if refusal is not None:
+        acknowledge(autopilot, command, refusal)
+        return
     handler = autopilot.command_table.get(command.number)
     result = Result.UNSUPPORTED if handler is None else handler(autopilot, command, now)
     if result is not None:
         acknowledge(autopilot, command, result)
+
+
+def _forced_refusal(autopilot: Autopilot, number: int) -> int | None:
+    """Give the result that a fault forces upon a command."""
+    for trouble in autopilot.refusals:
+        if trouble.fault["command"] in {None, number} and trouble.spend():
+            return Result[trouble.fault["result"].replace("-", "_").upper()]
+    return None
 
 
 # Commands.

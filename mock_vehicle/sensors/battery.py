@@ -47,6 +47,8 @@ class Batteries:
         """Charge left, 0..1."""
         self.voltage_v = np.full(n, CELLS * CELL_VOLTAGE_V[-1])
         self.current_a = np.zeros(n)
+        self.extra_w = np.zeros(n)
+        """Drawn by something that should not."""
         self.energy_j = np.zeros(n)
         """Drawn since the start."""
 
@@ -64,7 +66,7 @@ class Batteries:
         drag = 0.5 * AIR_KG_M3 * DRAG_AREA_M2 * speed**3 / EFFICIENCY
         climb = MASS_KG * GRAVITY_M_S2 / EFFICIENCY * np.maximum(-velocity_ned_m_s[:, 2], 0.0)
         flying = np.where(airborne, HOVER_W + drag + climb, IDLE_W)
-        power = np.where(spinning, flying, 0.0) + AVIONICS_W
+        power = np.where(spinning, flying, 0.0) + AVIONICS_W + self.extra_w
         power = np.where(powered & (self.fraction > 0.0), power, 0.0)
         rest = CELLS * np.interp(self.fraction, CELL_CHARGE, CELL_VOLTAGE_V)
         self.current_a = power / self.voltage_v

@@ -45,15 +45,21 @@ DEGRADED_FIX = Fix(2, 480, 900, 5, 5000, 12000, 1000)
 
 
 class Gnss:
-    """The receivers of the fleet; faults write to `reception` and `glitch_ned_m`."""
+    """The receivers of the fleet."""
 
     def __init__(self, n: int, reception: Reception, rng: np.random.Generator) -> None:
+        self._usual = reception
         self.reception: NDArray[np.int8] = np.full(n, reception, dtype=np.int8)
         """Shape (n,): `Reception` of each vehicle."""
         self.glitch_ned_m: Floats = np.zeros((n, 3))
         """Shape (n, 3): what a spoofer or a reflection adds to the fix."""
         self._noise_ned_m: Floats = np.zeros((n, 3))
         self._rng = rng
+
+    def spoil(self, index: int, *, lost: bool, glitch_ned_m: Floats) -> None:
+        """Let the receiver of one vehicle be like this from now on."""
+        self.reception[index] = Reception.DENIED if lost else self._usual
+        self.glitch_ned_m[index] = glitch_ned_m
 
     def measure(self, dt: float) -> Floats:
         """Give the error of each fix, fix - truth, of shape (n, 3); `dt` s after the last one."""

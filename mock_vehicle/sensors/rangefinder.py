@@ -42,6 +42,22 @@ class Ranges(NamedTuple):
     """(n, 72): every level ray, clockwise from the nose."""
 
 
+class _Defect(NamedTuple):
+    """What is wrong with the rangefinders of one vehicle."""
+
+    lost: bool
+    noise_m: float
+    held: Ranges | None
+    """What they repeat."""
+
+    def spoil(self, ranges: Ranges, index: int) -> None:
+        """Write what is reported in place of what was measured."""
+        if self.held is not None:
+            ranges.sensors_m[index], ranges.ring_m[index] = self.held
+        if self.lost:
+            ranges.sensors_m[index] = ranges.ring_m[index] = math.nan
+
+
 def fold(ring_m: FLOATS) -> FLOATS:
     """Take the nearest return of each cone: (n, 72) to (n, 4)."""
     nearest: FLOATS = ring_m.T[_CONES].min(axis=1).T
@@ -55,6 +71,17 @@ class Rangefinders:
         self.range_max_m = range_max_m
         self._noise_m = noise_m
         self._rng = rng
+        self._defects: dict[int, _Defect] = {}
+        self._last: Ranges | None = None
+
+    def spoil(self, index: int, *, lost: bool, stuck: bool, noise_m: float) -> None:
+        """Let the rangefinders of one vehicle be like this from now on."""
+        before = self._defects.pop(index, None)
+        held = before.held if before else None
+        if stuck and held is None and self._last is not None:
+            held = Ranges(self._last.sensors_m[index].copy(), self._last.ring_m[index].copy())
+        if lost or stuck or noise_m > 0.0:
+            self._defects[index] = _Defect(lost, noise_m, held if stuck else None)
 
     def measure(
         self,
@@ -76,7 +103,14 @@ class Rangefinders:
         sensors = np.column_stack((fold(ring.ranges_m), upright))
         if self._noise_m > 0.0:
             sensors += self._rng.normal(0.0, self._noise_m, sensors.shape)
-        return Ranges(self._reported(sensors), self._reported(ring.ranges_m))
+        for index, defect in self._defects.items():
+            if defect.noise_m > 0.0:
+                sensors[index] += self._rng.normal(0.0, defect.noise_m, sensors.shape[1])
+                ring.ranges_m[index] += self._rng.normal(0.0, defect.noise_m, RING)
+        self._last = Ranges(self._reported(sensors), self._reported(ring.ranges_m))
+        for index, defect in self._defects.items():
+            defect.spoil(self._last, index)
+        return self._last
 
     def _reported(self, measured_m: FLOATS) -> FLOATS:
         np.maximum(measured_m, RANGE_MIN_M, out=measured_m)

@@ -7,12 +7,12 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from mock_vehicle.faults import FleetKilled
 from mock_vehicle.ports import LOCALHOST
 from mock_vehicle.server import Server
 from mock_vehicle.testing.truth import Truth
 from mock_vehicle.testing.vehicle import MockSwarm, MockVehicle
 from mock_vehicle.testing.watched import WatchedFleet
+from mock_vehicle.trouble import FleetKilled
 
 PATIENCE_S = 30.0
 """Mission time that something takes at most, unless the test says otherwise."""

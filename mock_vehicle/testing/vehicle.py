@@ -41,16 +41,25 @@ class MockVehicle:
 
 
 class Faults:
-    """Strikes one vehicle; `mock_vehicle.faults` knows the kinds."""
+    """Strikes one vehicle; `mock-vehicle --list-faults` knows the kinds and their parameters."""
 
     def __init__(self, fleet: WatchedFleet, sysid: int) -> None:
         self._fleet = fleet
         self._sysid = sysid
 
-    def strike(self, kind: str) -> None:
-        """Let something go wrong at once; ValueError names the nearest kind there is."""
+    def strike(
+        self, kind: str, *, duration_s: float | None = None, **values: float | str | None
+    ) -> None:
+        """Let something go wrong at once, as `strike("link-delay", duration_s=5, delay_s=0.3)`.
+
+        ValueError names the nearest kind or parameter there is.
+        """
         now = self._fleet.now
-        self._fleet.strike(Fault(now, self._sysid, kind), now)
+        self._fleet.strike(Fault(now, self._sysid, kind, duration_s, values), now)
+
+    def heal(self, kind: str | None = None) -> None:
+        """End at once what is broken for a while: all of it, or one kind."""
+        self._fleet.heal(self._fleet.now, vehicle=self._sysid, kind=kind)
 
 
 class MockSwarm(Generic[AnyVehicle]):

@@ -77,7 +77,12 @@ class WatchedFleet(Fleet):
     def strike(self, fault: Fault, now: float) -> None:
         """Let something go wrong at once."""
         with self.stepped:
-            self._strike(fault, now)
+            super().strike(fault, now)
+
+    def heal(self, now: float, *, vehicle: int | None = None, kind: str | None = None) -> None:
+        """Let it be right again."""
+        with self.stepped:
+            super().heal(now, vehicle=vehicle, kind=kind)
 
 
 def messages(frames: Iterable[wire.Frame], now: float) -> list[Message]:

@@ -15,7 +15,7 @@ from mock_vehicle.maps import CLEARANCE_CAP_M, OccupancyMap, load_map
 from mock_vehicle.world.floor import Grid, centres, flood, largest_area
 from mock_vehicle.world.outline import drawn_map, polygon
 from mock_vehicle.world.plan import OPEN_SKY_HEIGHT_M, build_prisms
-from mock_vehicle.world.reading import read_spec
+from mock_vehicle.world.reading import read_faults, read_spec
 from mock_vehicle.world.ring import Ring
 from mock_vehicle.world.shapes import Room, Shapes
 from mock_vehicle.world.spec import GridStarts, WorldSpec
@@ -24,7 +24,7 @@ from mock_vehicle.world.starts import place
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Grid", "Ring", "Victim", "World", "WorldSpec", "load_world"]
+__all__ = ["Grid", "Ring", "Victim", "World", "WorldSpec", "load_world", "read_faults"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -6,9 +6,20 @@ import difflib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainValidator,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
+from mock_vehicle.faults import Fault, FaultError, read_fault
+from mock_vehicle.faults.describe import schema
 from mock_vehicle.geodesy import TESTING_GROUND
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -243,15 +254,23 @@ class GnssSpec(_Section):
     """Whether there is a fix, a bad one, or none, as indoors."""
 
 
-class FaultSpec(_Section):
-    """Something that breaks during the run."""
+def _fault(keys: Any) -> Fault:
+    try:
+        return read_fault(keys)
+    except FaultError as error:
+        about = {"key": error.key, "reason": error.reason}
+        raise PydanticCustomError("fault", "{reason}", about) from None
 
-    time_s: NotNegative
-    """Mission time, s."""
-    vehicle: Annotated[int, Field(strict=True)] | None = None
-    """The vehicle that it happens to; null: all of them."""
-    kind: str
-    """What happens; `mock_vehicle.faults` knows the kinds."""
+
+FaultSpec = Annotated[Fault, PlainValidator(_fault), WithJsonSchema(schema())]
+"""Something that breaks during the run; `mock_vehicle.faults` knows what can."""
+
+
+class FaultsSpec(_Section):
+    """A file of faults alone."""
+
+    faults: tuple[FaultSpec, ...] = ()
+    """What breaks, as in a world file."""
 
 
 class WorldSpec(_Section):

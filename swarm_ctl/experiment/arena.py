@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mock_vehicle.errors import MockVehicleError
-from mock_vehicle.faults import FleetKilled, parse_fault
+from mock_vehicle.faults import parse_fault
 from mock_vehicle.fleet import STEP_S, Fleet
+from mock_vehicle.trouble import FleetKilled
 from mock_vehicle.vehicle import personalities
 from mock_vehicle.world import load_world
 from swarm_ctl.controller import KILLED

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from mock_vehicle.errors import WorldError
-from mock_vehicle.faults import Fault, FleetKilled, parse_fault
+from mock_vehicle.faults import Fault, parse_fault
 from mock_vehicle.fleet import STEP_S, Fleet
+from mock_vehicle.trouble import FleetKilled
 from mock_vehicle.world import load_world
 from swarm_ctl import wire
 
