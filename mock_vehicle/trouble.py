@@ -56,6 +56,12 @@ def _reboot(stage: Stage, index: int, fault: Fault, now: float) -> None:  # noqa
     stage.vehicles[index].autopilot.reboot(now)
 
 
+def _lose_parameters(stage: Stage, index: int, fault: Fault, now: float) -> None:  # noqa: ARG001
+    autopilot = stage.vehicles[index].autopilot
+    for name, default in autopilot.parameters.changed.items():
+        autopilot.set_parameter(name, default)
+
+
 def _lose_place(stage: Stage, index: int, fault: Fault, now: float) -> None:  # noqa: ARG001
     stage.odometry.jump(index, -blowing_from(fault["towards_deg"], fault["jump_m"]))
 
@@ -64,6 +70,7 @@ AT_ONCE: Mapping[str, Callable[[Stage, int, Fault, float], None]] = {
     "dead": _die,
     "battery": _discharge,
     "reboot": _reboot,
+    "parameters-lost": _lose_parameters,
     "drift": _lose_place,
 }
 """What a fault does in the moment that it strikes."""

@@ -166,6 +166,11 @@ class Parameters(Mapping[str, float]):
     def __contains__(self, name: object) -> bool:
         return name in self._table.index
 
+    @property
+    def changed(self) -> dict[str, float]:
+        """Give the defaults of those that have been changed, all but the sysid."""
+        return {n: self._table.defaults[n] for n in self._changed if n != self.dialect.sysid}
+
     def index(self, name: str) -> int:
         """Tell where in the list a parameter stands."""
         return self._table.index[name]

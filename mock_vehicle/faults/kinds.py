@@ -119,7 +119,9 @@ KINDS: Mapping[str, Kind] = {
     "freeze": Kind("its autopilot is silent and obeys nothing, then is back", duration_s=5.0),
     "frozen-telemetry": Kind("its streams repeat an old state; commands work and it flies on"),
     "reboot": Kind("its autopilot starts again, motors off", lasts=False),
-    "parameters-lost": Kind("its parameters are back at their defaults", lasts=False),
+    "parameters-lost": Kind(
+        "its parameters are back at their defaults, but the sysid", lasts=False
+    ),
     "nack": Kind(
         "its autopilot refuses commands",
         {
