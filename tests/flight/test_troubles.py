@@ -34,7 +34,7 @@ MODE = {"px4": 6 << 16, "ardupilot": 4}
 ARM, REQUEST_MESSAGE, VELOCITY = 400, 512, 0xDC7
 MESSAGES = (
     *("HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "DISTANCE_SENSOR", "COMMAND_ACK"),
-    *("BATTERY_STATUS", "TUNNEL", "AUTOPILOT_VERSION"),
+    *("BATTERY_STATUS", "TUNNEL", "AUTOPILOT_VERSION", "GPS_RAW_INT"),
 )
 
 
@@ -262,6 +262,33 @@ def test_noisy_rangefinders_scatter_as_told(begin: Begin) -> None:
     ]
     assert np.std(down[0]) == pytest.approx(0.25, rel=0.2)
     assert np.std(down[1]) < 0.05
+
+
+def test_a_vehicle_without_satellites_has_no_fix_until_they_are_back(begin: Begin) -> None:
+    log = begin()
+    log.fly(6.0)
+    log.strike("gnss-loss", duration_s=3.0)
+    log.fly(0.2)
+    log.forget()
+    log.fly(2.7)
+    assert {f.values.fix_type for f in log.frames("GPS_RAW_INT")} == {1}
+    assert {f.values.fix_type for f in log.frames("GPS_RAW_INT", 1)} == {3}
+    log.fly(1.0)
+    assert log.frames("GPS_RAW_INT")[-1].values.fix_type == 3
+
+
+def test_a_glitch_moves_the_fix_and_an_estimate_that_hangs_on_it(begin: Begin) -> None:
+    log = begin()
+    log.fly(6.0)
+    log.strike("gnss-glitch", offset_m=11.1, towards_deg=90.0, duration_s=2.0)
+    before = log.frames("GPS_RAW_INT")[-1].values
+    log.fly(1.0)
+    glitched = log.frames("GPS_RAW_INT")[-1].values
+    assert glitched.lat - before.lat == pytest.approx(1000, abs=5), "11.1 m north, in degE7"
+    assert glitched.lon == pytest.approx(before.lon, abs=1)
+    assert log.frames("LOCAL_POSITION_NED")[-1].values.x == pytest.approx(11.1, abs=0.01)
+    log.fly(2.0)
+    assert log.frames("GPS_RAW_INT")[-1].values.lat == before.lat
 
 
 def test_drift_loses_a_tenth_of_the_way(begin: Begin) -> None:
