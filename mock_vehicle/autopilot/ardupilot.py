@@ -21,6 +21,7 @@ from mock_vehicle.autopilot import (
     tuning,
     uploads,
 )
+from mock_vehicle.autopilot.ardupilot_failsafe import Failsafe, Settings
 from mock_vehicle.autopilot.auto_rules import ARDUPILOT_AUTO, AutoRules
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
@@ -82,12 +83,12 @@ LIMITS = Limits(
     yaw_gain_1_s=4.0,
 )
 
-STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE = 0, 3, 4, 5, 6, 9, 17
+STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE = 0, 1, 2, 3, 4, 5, 6, 9, 17
 
 MODES: Mapping[int, Mode] = {
     STABILIZE: Mode("STABILIZE", 81, Manoeuvre.FALL, can_arm=True),
-    1: Mode("ACRO", 81, Manoeuvre.FALL, can_arm=True),
-    2: Mode("ALT_HOLD", 81, Manoeuvre.SINK, can_arm=True),
+    ACRO: Mode("ACRO", 81, Manoeuvre.FALL, can_arm=True),
+    ALT_HOLD: Mode("ALT_HOLD", 81, Manoeuvre.SINK, can_arm=True),
     AUTO: Mode("AUTO", 89, Manoeuvre.HOLD, can_enter_flying=False),
     GUIDED: Mode("GUIDED", 89, Manoeuvre.SETPOINT, can_arm=True),
     LOITER: Mode("LOITER", 89, Manoeuvre.SINK, can_arm=True),
@@ -100,6 +101,8 @@ MODES: Mapping[int, Mode] = {
     21: Mode("SMART_RTL", 89, Manoeuvre.RETURN),
     23: Mode("FOLLOW", 89, Manoeuvre.HOLD, can_enter=False),
 }
+UNCHECKED = frozenset({STABILIZE, ACRO, ALT_HOLD})
+"""A pilot's modes need no position: without ARMING_CHECK they arm as soon as the software runs."""
 ALLOW_ARMING = 1
 """The bit of AUTO_OPTIONS."""
 
@@ -208,6 +211,13 @@ def set_message_interval(autopilot: ArduPilot, command: Command, now: float) -> 
     return requests.set_message_interval(autopilot, command, now)
 
 
+def on_heartbeat(autopilot: ArduPilot, frame: wire.Frame, now: float) -> None:
+    """Note that its own ground station, which is known by its sysid alone, is still there."""
+    commands.on_heartbeat(autopilot, frame, now)
+    if frame.sysid == autopilot.settings.gcs_sysid:
+        autopilot.failsafe.gcs_seen_at = now
+
+
 def on_set_mode(autopilot: ArduPilot, frame: wire.Frame, now: float) -> None:
     """Obey SET_MODE without a word."""
     v = frame.values
@@ -243,6 +253,7 @@ class ArduPilot(Autopilot):
         **gnss.MESSAGES,
         uploads.MISSION_WRITE_PARTIAL_LIST.id: uploads.on_write_partial_list,
         **ftp.MESSAGES,
+        commands.HEARTBEAT.id: on_heartbeat,
         commands.SET_MODE.id: on_set_mode,
         requests.REQUEST_DATA_STREAM.id: requests.on_request_data_stream,
     }
@@ -253,6 +264,10 @@ class ArduPilot(Autopilot):
     streamable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
     requestable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
     stream_groups: ClassVar[Mapping[int, Sequence[int]]] = rates.ARDUPILOT_GROUPS
+
+    def _restart(self, now: float) -> None:
+        self.failsafe = Failsafe()
+        super()._restart(now)
 
     @property
     def banner(self) -> Sequence[str]:
@@ -268,10 +283,17 @@ class ArduPilot(Autopilot):
         """Scale the recorded numbers by the parameters."""
         return tuning.ardupilot(TRAITS, self.parameters)
 
+    def tune(self) -> None:
+        """Work out the failsafes, too."""
+        super().tune()
+        self.settings = Settings.of(self.parameters)
+
     def system_status(self, now: float) -> SystemStatus:
         """STANDBY also while armed on the ground; ACTIVE once the motors are up."""
         if self.uptime_s(now) < self.boot.standby_s:
             return SystemStatus.BOOT
+        if self.failsafe.is_active:
+            return SystemStatus.CRITICAL
         on_ground = self.landed_state is LandedState.ON_GROUND
         return SystemStatus.STANDBY if on_ground else SystemStatus.ACTIVE
 
@@ -285,9 +307,11 @@ class ArduPilot(Autopilot):
 
     def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:
         """Refuse while booting, and in modes that have no take-off."""
-        if not self.is_ready(now):
-            return ["Arm: System not initialised"]
         mode = MODES[self.mode]
+        is_free = not self.settings.checks_arming and self.mode in UNCHECKED
+        has_started = self.uptime_s(now) >= self.boot.standby_s
+        if not (self.is_ready(now) or (is_free and has_started)):
+            return ["Arm: System not initialised"]
         if mode.can_arm or force:
             return None
         if self.mode == AUTO and not self.plans.has_mission:
@@ -343,7 +367,8 @@ class ArduPilot(Autopilot):
         return begins == Cmd.NAV_TAKEOFF
 
     def advance(self, now: float) -> None:
-        """Brake when a velocity has grown old; a position is held for ever."""
+        """Brake when a velocity has grown old, hold a position for ever; watch what may fail."""
+        self.failsafe.watch(self, now)
         if self.manoeuvre is not Manoeuvre.SETPOINT or self.setpoint.is_position_only:
             return
         if now - self.setpoint_at >= self.traits.setpoint_timeout_s:

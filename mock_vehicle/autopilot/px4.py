@@ -25,6 +25,7 @@ from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHand
 from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, rotated
 from mock_vehicle.autopilot.plans import PX4_RULES, PlanRules
+from mock_vehicle.autopilot.px4_failsafe import Action, Failsafe, Settings
 from mock_vehicle.autopilot.traits import (
     Boot,
     Manoeuvre,
@@ -82,12 +83,14 @@ def custom_mode(main: int, sub: int = 0) -> int:
 MAIN_AUTO = 4
 ALTCTL = custom_mode(2)
 POSCTL = custom_mode(3)
+STABILIZED = custom_mode(7)
 AUTO_TAKEOFF = custom_mode(MAIN_AUTO, 2)
 AUTO_LOITER = custom_mode(MAIN_AUTO, 3)
 AUTO_MISSION = custom_mode(MAIN_AUTO, 4)
 AUTO_RTL = custom_mode(MAIN_AUTO, 5)
 AUTO_LAND = custom_mode(MAIN_AUTO, 6)
 OFFBOARD = custom_mode(6)
+TERMINATION = custom_mode(10)
 SUB_MISSION = 4
 
 MODES: Mapping[int, Mode] = {
@@ -95,15 +98,28 @@ MODES: Mapping[int, Mode] = {
     ALTCTL: Mode("ALTCTL", 81, Manoeuvre.SINK, can_enter_flying=False),
     POSCTL: Mode("POSCTL", 81, Manoeuvre.SINK, can_enter_flying=False),
     custom_mode(5): Mode("ACRO", 65, Manoeuvre.SINK, can_enter_flying=False),
-    custom_mode(7): Mode("STABILIZED", 81, Manoeuvre.SINK, can_enter_flying=False),
+    STABILIZED: Mode("STABILIZED", 81, Manoeuvre.SINK, can_enter_flying=False),
     OFFBOARD: Mode("OFFBOARD", 17, Manoeuvre.SETPOINT),
     AUTO_TAKEOFF: Mode("AUTO.TAKEOFF", 29, Manoeuvre.TAKEOFF, can_arm=True),
     AUTO_LOITER: Mode("AUTO.LOITER", 29, Manoeuvre.HOLD, can_arm=True),
     AUTO_MISSION: Mode("AUTO.MISSION", 29, Manoeuvre.HOLD, can_enter_flying=False),
     AUTO_RTL: Mode("AUTO.RTL", 29, Manoeuvre.RETURN),
     AUTO_LAND: Mode("AUTO.LAND", 29, Manoeuvre.LAND),
+    TERMINATION: Mode("TERMINATION", 1, Manoeuvre.FALL, can_enter=False),
 }
 MAIN_MODES = frozenset(number >> 16 & 0xFF for number in MODES)
+FAILSAFE_MODES: Mapping[Action, int] = {
+    Action.POSITION: POSCTL,
+    Action.ALTITUDE: ALTCTL,
+    Action.STABILIZED: STABILIZED,
+    Action.HOLD: AUTO_LOITER,
+    Action.RETURN: AUTO_RTL,
+    Action.LAND: AUTO_LAND,
+    Action.TERMINATE: TERMINATION,
+}
+"""What a failsafe flies."""
+CHOSEN_ACTIONS: Mapping[int, Action] = {AUTO_RTL: Action.RETURN, AUTO_LAND: Action.LAND}
+"""What the user does by himself; no failsafe less grave interferes."""
 BASE_MODE_OFFBOARD_SILENT = 1
 """Disarmed in OFFBOARD without setpoints."""
 
@@ -244,8 +260,19 @@ class Px4(Autopilot):
     streamable: ClassVar[Mapping[int, Encoder]] = px4_telemetry.STREAMS
     requestable: ClassVar[Mapping[int, Encoder]] = px4_telemetry.REQUESTS
 
-    in_failsafe = False
-    """OFFBOARD has lost its setpoints: POSCTL is flown until they come back."""
+    def _restart(self, now: float) -> None:
+        self.failsafe = Failsafe()
+        super()._restart(now)
+
+    @property
+    def in_failsafe(self) -> bool:
+        """Whether another mode is flown than the chosen one."""
+        return self.failsafe.action is not Action.NONE
+
+    @property
+    def chosen_action(self) -> Action:
+        """What the user does by himself."""
+        return CHOSEN_ACTIONS.get(self.mode, Action.NONE)
 
     @property
     def base_mode(self) -> int:
@@ -258,14 +285,21 @@ class Px4(Autopilot):
     @property
     def reported_mode(self) -> int:
         """Give what is flown, not what was chosen."""
-        return POSCTL if self.in_failsafe else self.mode
+        return FAILSAFE_MODES.get(self.failsafe.action, self.mode)
 
     def tuned(self) -> Traits:
         """Scale the recorded numbers by the parameters."""
         return tuning.px4(TRAITS, self.parameters)
 
+    def tune(self) -> None:
+        """Work out the failsafes, too."""
+        super().tune()
+        self.settings = Settings.of(self.parameters)
+
     def system_status(self, now: float) -> SystemStatus:
         """UNINIT comes back whenever a mode is chosen that cannot arm."""
+        if self.failsafe.action is Action.TERMINATE:
+            return SystemStatus.FLIGHT_TERMINATION
         if self.in_failsafe:
             return SystemStatus.CRITICAL
         if self.armed:
@@ -284,9 +318,11 @@ class Px4(Autopilot):
         return system in {0, self.sysid} and component in {0, 1}
 
     def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:  # noqa: ARG002
-        """Refuse before the boot is over, and in a mode that cannot fly."""
+        """Refuse before the boot is over, in a mode that cannot fly, without its ground station."""
         if not self.is_ready(now):
             return ["Arming denied: Resolve system health failures first\t"]
+        if self.settings.gcs and not self.hears_gcs(now):
+            return []
         can_arm = MODES[self.mode].can_arm
         if self.mode in {OFFBOARD, AUTO_MISSION}:
             can_arm = self._can_enter_armed(self.mode, now)
@@ -313,7 +349,8 @@ class Px4(Autopilot):
         if main not in MAIN_MODES:
             return Result.ACCEPTED  # and nothing changes
         number = custom_mode(main, (sub or SUB_MISSION) if main == MAIN_AUTO else 0)
-        if number not in MODES:
+        is_over = self.failsafe.action is Action.TERMINATE
+        if is_over or number not in MODES or not MODES[number].can_enter:
             return Result.TEMPORARILY_REJECTED
         if self.armed and not self._can_enter_armed(number, now):
             name = MODES[number].name.removeprefix("AUTO.").capitalize()
@@ -336,8 +373,10 @@ class Px4(Autopilot):
 
     def enter(self, number: int, now: float) -> None:
         """End the failsafe by any mode, and go on with the last setpoint in OFFBOARD."""
+        if self.failsafe.action is Action.TERMINATE:
+            return
         setpoint, was_lost = self.setpoint, self.in_failsafe
-        self.in_failsafe = False
+        self.failsafe.override()
         if was_lost and number == self.mode:
             self.begin(MODES[number].manoeuvre, now)
         super().enter(number, now)
@@ -348,16 +387,33 @@ class Px4(Autopilot):
     def disarm(self, now: float) -> None:
         """Return to the mode that the user chose."""
         super().disarm(now)
-        if self.in_failsafe:
-            self.enter(OFFBOARD, now)
+        was_lost, self.failsafe = self.in_failsafe, Failsafe()
+        if was_lost:
+            self.begin(MODES[self.mode].manoeuvre, now)
 
     def advance(self, now: float) -> None:
-        """Enter the failsafe when OFFBOARD gets no setpoints (COM_OBL_RC_ACT 0, no RC)."""
-        if not self.armed or self.mode != OFFBOARD or self.in_failsafe or self._has_setpoints(now):
+        """Watch what may fail."""
+        self.failsafe.watch(self, now)
+
+    def has_lost_setpoints(self, now: float) -> bool:
+        """Whether OFFBOARD has nothing to follow."""
+        return self.mode == OFFBOARD and not self._has_setpoints(now)
+
+    def hears_gcs(self, now: float) -> bool:
+        """Whether a ground station's heartbeats come, over whichever link."""
+        seen_at = max(link.gcs_seen_at for link in self.links)
+        return now - seen_at <= self.settings.gcs_loss_s
+
+    def fly_failsafe(self, now: float) -> None:
+        """Do what the failsafe says, or again what the user chose, by the latest setpoint."""
+        if self.failsafe.action is Action.DISARM:
+            self.disarm(now)
             return
-        self.in_failsafe = True
-        self.say(Severity.CRITICAL, "Failsafe activated\t", now)
-        self.begin(Manoeuvre.SINK, now)
+        setpoint = self.setpoint
+        self.begin(MODES[self.reported_mode].manoeuvre, now)
+        if not self.in_failsafe:
+            self.setpoint = setpoint
+            self.steer(now)
 
     def return_in_mission(self, now: float) -> None:
         """Change to the mode that returns: the item is nothing more."""
@@ -375,11 +431,8 @@ class Px4(Autopilot):
         if complaint:
             self.say(Severity.CRITICAL, complaint, now)
             return
-        setpoint = _read(values, self.state.yaw_rad)
-        if self.in_failsafe:
-            self.setpoint_at = now
-            self.enter(OFFBOARD, now)
-        self.accept_setpoint(setpoint, now)
+        self.accept_setpoint(_read(values, self.state.yaw_rad), now)
+        self.failsafe.watch(self, now)
 
 
 def _groups(values: Any) -> Setpoint:
