@@ -51,7 +51,7 @@ class Loop:
     integral_1_s2: float = 0.0
     """Larger fights wind sooner."""
     integral_error_m_s: float = UNLIMITED
-    """Errors larger than this are not integrated."""
+    """Errors larger than this are not integrated, unless they unwind what was."""
     damping: float = 0.0
     """Demand taken away per acceleration."""
     drag_1_s: float = 0.0
@@ -241,7 +241,8 @@ class Dynamics:
 
     def _follow(self, error: Floats) -> None:
         """Move thrust (net of gravity) towards what the velocity error demands."""
-        integrated = np.abs(error) < self._integral_error
+        unwinds = error * self._integral < 0.0
+        integrated = (np.abs(error) < self._integral_error) | unwinds
         self._integral += self._integral_step * error * integrated
         demand = self._answer(error)
         demand += self._integral

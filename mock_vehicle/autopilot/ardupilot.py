@@ -45,16 +45,19 @@ from mock_vehicle.sensors.gnss import Fix
 from swarm_ctl import wire
 
 LIMITS = Limits(
-    # Shaped velocity: sqrt_controller, limited acceleration and jerk, then a pure delay.
+    # A square-root controller with limited acceleration and jerk behind a pure delay and the
+    # attitude loop's lag; fitted to ten recorded steps, all rise times within 5 %.
     horizontal=Loop(
-        velocity_gain_1_s=2.0,
-        accel_m_s2=2.5,  # WPNAV_ACCEL
-        jerk_m_s3=5.0,  # PSC_JERK_XY
-        delay_s=0.10,
+        velocity_gain_1_s=2.44,
+        accel_m_s2=2.87,
+        jerk_m_s3=5.57,  # PSC_JERK_XY is 5
+        delay_s=0.14,
         speed_m_s=10.25,  # where 30 deg of lean end
+        lag_s=0.07,
         thrust_m_s2=5.66,  # 30 deg
-        integral_1_s2=0.5,
-        integral_error_m_s=0.8,
+        integral_1_s2=0.3,
+        integral_error_m_s=0.55,
+        damping=0.1,
         drag_1_s=0.15,
         drag_known=1.0,
         position_gain_1_s=1.0,  # PSC_POSXY_P
@@ -62,14 +65,16 @@ LIMITS = Limits(
         position_speed_m_s=10.0,  # WPNAV_SPEED
     ),
     vertical=Loop(
-        velocity_gain_1_s=3.0,
-        accel_m_s2=1.0,
-        jerk_m_s3=5.0,
+        velocity_gain_1_s=6.96,
+        accel_m_s2=1.23,
+        jerk_m_s3=6.8,
         delay_s=0.06,
         speed_m_s=6.0,
+        lag_s=0.21,
         thrust_m_s2=5.0,
-        integral_1_s2=0.2,
-        integral_error_m_s=0.5,
+        integral_1_s2=0.51,
+        integral_error_m_s=0.26,
+        damping=0.03,
         drag_1_s=0.15,
         drag_known=1.0,
         position_gain_1_s=1.0,
