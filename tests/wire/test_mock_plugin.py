@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,7 +18,6 @@ from mock_vehicle.testing import Plan, RealSwarm, RealVehicle, launch
 
 pytestmark = pytest.mark.wire
 
-README = Path(__file__).parents[2] / "README.md"
 PATIENCE_S = 10.0
 HEAVY = {
     "numpy",
@@ -182,13 +179,6 @@ def test_a_second_start_costs_little() -> None:
 
 
 # As users meet it: a project of their own, and a pytest of its own.
-
-
-def test_ten_lines_of_the_readme_are_a_test(pytester: pytest.Pytester) -> None:
-    (block,) = re.findall(r"```python\n(import pytest\n.*?)```", README.read_text(), re.DOTALL)
-    assert len([line for line in block.splitlines() if line.strip()]) <= 12
-    pytester.makepyfile(block)
-    pytester.runpytest_subprocess("--strict-markers").assert_outcomes(passed=1)
 
 
 def test_the_marker_is_explained(pytester: pytest.Pytester) -> None:
