@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -56,11 +56,13 @@ class Fleet:
         boot_s: float | None = 1.0,
         rates: Rates = "lean",
         faults: Sequence[Fault] = (),
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         """Put the vehicles on their starts.
 
         They are ready to arm `boot_s` s after the start, or as late as the real ones (None).
         `rates` "full" sends telemetry as often as the real ones, one frame per datagram.
+        `parameters` are those that differ from the defaults, the same for all.
         """
         self.world = world
         self.personalities = list(personalities)
@@ -74,7 +76,7 @@ class Fleet:
         self._steps_per_sample = round(TICK_S / self.step_s)
         self._steps_per_tick = 1 if rates == "full" else self._steps_per_sample
         self._pack = list if rates == "full" else packed
-        self._build(world, personalities, seed, boot_s, rates)
+        self._build(world, personalities, seed, boot_s, rates, parameters)
         self._equip(world, rngs)
         self.links = LossyLinks(seed)
         """What lies between autopilots and their peers."""
@@ -92,6 +94,7 @@ class Fleet:
         seed: int,
         boot_s: float | None,
         rates: Rates,
+        parameters: Mapping[str, float] | None,
     ) -> None:
         self.starts_ned_m, yaw_rad = world.starts(self.n, seed)
         limits = [LIMITS[personality] for personality in personalities]
@@ -114,6 +117,7 @@ class Fleet:
                 rates=rates,
                 origin=Origin(gnss.latitude_deg, gnss.longitude_deg, gnss.amsl_m),
                 uid=seed << 8 | sysid,
+                parameters=parameters,
             )
             for index, (sysid, personality) in enumerate(
                 zip(self.sysids, personalities, strict=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -45,6 +45,8 @@ class Plan:
     """Telemetry as the real autopilots send it, or 10 Hz at most."""
     boot: Literal["fast", "real"] = "fast"
     """Ready to arm with the first heartbeat, or as late as the real autopilots."""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """Those that are not at their defaults, by name."""
     faults: Sequence[str | Fault] = ()
     """What goes wrong, as "battery:1@30": kind, sysid and seconds."""
     sysid: int = 1
@@ -55,7 +57,7 @@ class Plan:
     @classmethod
     def of(cls, arguments: Mapping[str, Any]) -> Plan:
         """Read arguments by name; an unknown one is named with its nearest kin."""
-        known = [field.name for field in fields(cls)]
+        known = [each.name for each in fields(cls)]
         for name in arguments:
             if name not in known:
                 near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
@@ -77,6 +79,8 @@ class Plan:
         if self.sysid + self.vehicles - 1 > SYSID_MAX:
             last = self.sysid + self.vehicles - 1
             raise ValueError(f"sysids would end at {last}, beyond {SYSID_MAX}")
+        if not isinstance(self.parameters, Mapping):
+            raise ValueError(f"parameters should be a mapping, not {self.parameters!r}")  # noqa: TRY004
         if isinstance(self.faults, str):
             raise ValueError(f"faults should be a list, as [{self.faults!r}]")  # noqa: TRY004
 
@@ -93,6 +97,7 @@ class Plan:
             "boot_s": 0.0 if self.boot == "fast" else None,
             "rates": self.rates,
             "faults": [_fault(fault) for fault in self.faults],
+            "parameters": self.parameters,
         }
 
     def load_world(self) -> World:

@@ -30,6 +30,12 @@ class MockVehicle:
         return self._fleet.truth(self._index)
 
     @property
+    def parameters(self) -> dict[str, float]:
+        """All parameters as they are now, by name."""
+        with self._fleet.stepped:
+            return dict(self._fleet.vehicles[self._index].autopilot.parameters)
+
+    @property
     def setpoint_times(self) -> list[float]:
         """Mission times of the setpoints that it accepted."""
         with self._fleet.stepped:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.testing import Plan, VirtualSwarm, VirtualVehicle, launch
 
 GUIDED = 4
@@ -77,6 +78,22 @@ def test_planned_faults_come_at_their_time(mock_vehicle: VirtualVehicle) -> None
     mock_vehicle.fly(1.9)
     assert mock_vehicle.truth.battery_fraction > 0.9
     mock_vehicle.fly_until(lambda truth: truth.battery_fraction < 0.2, within_s=0.5)
+
+
+@pytest.mark.mock_vehicle(time="virtual", parameters={"MIS_TAKEOFF_ALT": 4.0})
+def test_parameters_are_as_the_test_says(mock_vehicle: VirtualVehicle) -> None:
+    assert mock_vehicle.parameters["MIS_TAKEOFF_ALT"] == 4.0
+    mock_vehicle.fly(0.1)
+    mock_vehicle.send(command(TAKEOFF, *(math.nan,) * 7))
+    mock_vehicle.send(command(ARM, 1))
+    mock_vehicle.fly(20.0)
+    assert mock_vehicle.truth.height_m == pytest.approx(4.0, abs=0.4)
+
+
+def test_a_parameter_that_is_none_names_the_nearest() -> None:
+    plan = Plan(time="virtual", parameters={"MIS_TAKEOF_ALT": 4.0})
+    with pytest.raises(MockVehicleError, match="perhaps MIS_TAKEOFF_ALT"), launch(plan):
+        pytest.fail("it flies")
 
 
 @virtual
@@ -150,6 +167,7 @@ def test_px4_talks_to_a_ground_station_on_a_link_of_its_own() -> None:
         ({"seed": -1}, "seed should be a whole number, from 0 on, not -1"),
         ({"speed": math.nan}, "speed should be 0.1 to 100, not nan"),
         ({"sysid": 250, "vehicles": 10}, "sysids would end at 259, beyond 255"),
+        ({"parameters": 3}, "parameters should be a mapping, not 3"),
         ({"faults": "dead:1@2"}, "faults should be a list, as ['dead:1@2']"),
     ],
 )
