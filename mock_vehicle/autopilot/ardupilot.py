@@ -12,6 +12,7 @@ from mock_vehicle.autopilot import (
     commands,
     ftp,
     gnss,
+    goto,
     mission_commands,
     missions,
     parameters,
@@ -28,7 +29,7 @@ from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHand
 from mock_vehicle.autopilot.legs import NAVIGATION
 from mock_vehicle.autopilot.link import Encoder
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
-from mock_vehicle.autopilot.plans import ARDUPILOT_RULES, Cmd, PlanRules
+from mock_vehicle.autopilot.plans import ARDUPILOT_RULES, Cmd, Item, PlanRules
 from mock_vehicle.autopilot.traits import (
     Boot,
     LandedState,
@@ -244,6 +245,7 @@ class ArduPilot(Autopilot):
         commands.NAV_LAND: commands.mode_command(LAND),
         commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(RTL),
         commands.NAV_LOITER_UNLIM: commands.mode_command(LOITER),
+        goto.DO_REPOSITION: goto.reposition_ardupilot,
         mission_commands.MISSION_START: mission_commands.start_ardupilot,
         mission_commands.DO_SET_MISSION_CURRENT: mission_commands.set_mission_current,
         mission_commands.DO_PAUSE_CONTINUE: mission_commands.pause,
@@ -255,6 +257,8 @@ class ArduPilot(Autopilot):
         **commands.MESSAGES,
         **parameters.MESSAGES,
         **missions.MESSAGES,
+        goto.GLOBAL_SETPOINT.id: goto.on_global_setpoint,
+        goto.ATTITUDE_SETPOINT.id: goto.on_attitude_setpoint,
         **gnss.MESSAGES,
         uploads.MISSION_WRITE_PARTIAL_LIST.id: uploads.on_write_partial_list,
         **ftp.MESSAGES,
@@ -265,7 +269,6 @@ class ArduPilot(Autopilot):
     plan_rules: ClassVar[PlanRules] = ARDUPILOT_RULES
     auto_rules: ClassVar[AutoRules] = ARDUPILOT_AUTO
     mission_mode: ClassVar[int] = AUTO
-    mission_modes: ClassVar[frozenset[int]] = frozenset({AUTO})
     streamable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
     requestable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
     stream_groups: ClassVar[Mapping[int, Sequence[int]]] = rates.ARDUPILOT_GROUPS
@@ -364,8 +367,9 @@ class ArduPilot(Autopilot):
     def _may_begin(self, now: float) -> bool:
         """Whether there is a mission, and on the ground one that takes off."""
         items = self.plans.mission
-        if self.flying or not self.plans.has_mission:
-            return self.plans.has_mission
+        can_fly = self.plans.has_mission and self.navigation.has_origin
+        if self.flying or not can_fly:
+            return can_fly
         begins = next((item.command for item in items[1:] if item.command in NAVIGATION), None)
         if begins != Cmd.NAV_TAKEOFF:
             self.say(Severity.CRITICAL, "Auto: Missing Takeoff Cmd", now)
@@ -385,12 +389,30 @@ class ArduPilot(Autopilot):
 
     def receive_setpoint(self, values: Any, now: float) -> None:
         """Follow a setpoint in GUIDED; one that comes during a take-off ends it, wherever it is."""
-        if not self.armed or self.mode != GUIDED:
+        self.receive_attitude(_read(values, self.state[:3], self.state.yaw_rad), now)
+
+    def receive_attitude(self, setpoint: Setpoint, now: float) -> None:
+        """Follow it in GUIDED, as any other setpoint."""
+        if not self.armed or not self.is_guided:
             return
         if self.manoeuvre is not Manoeuvre.SETPOINT:
             self.begin(Manoeuvre.SETPOINT, now)
-        here = self.state[:3]
-        self.accept_setpoint(_read(values, here, self.state.yaw_rad), now)
+        self.accept_setpoint(setpoint, now)
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether it takes orders from afar."""
+        return self.mode == GUIDED
+
+    def guide_to(self, place_m: Vector, now: float) -> None:
+        """Fly to a place in GUIDED; on the ground that is the mode alone."""
+        self.enter(GUIDED, now)
+        if self.flying:
+            self.go_to(place_m, now)
+
+    def take_guided_item(self, item: Item, current: int, now: float) -> int | None:
+        """Fly to an item in GUIDED."""
+        return goto.take_guided_item(self, item, current, now)
 
 
 def _read(values: Any, here: Vector, yaw_rad: float) -> Setpoint:

@@ -22,6 +22,8 @@ class AutoRules:
     climb_m_s: float
     sink_m_s: float
     """Fastest climb and descent between places."""
+    slows_setpoints: bool
+    """DO_CHANGE_SPEED counts for setpoints that are places, too."""
     radius: tuple[str, float]
     """The parameter of the distance at which a place is reached, and its unit in m."""
     stops_exactly: bool
@@ -56,6 +58,7 @@ PX4_AUTO = AutoRules(
     brake_m_s2=0.75,
     climb_m_s=3.0,  # MPC_Z_VEL_MAX_UP
     sink_m_s=1.5,  # MPC_Z_VEL_MAX_DN
+    slows_setpoints=False,
     radius=("NAV_ACC_RAD", 1.0),
     stops_exactly=False,
     announces=False,
@@ -78,6 +81,7 @@ ARDUPILOT_AUTO = AutoRules(
     brake_m_s2=0.6,
     climb_m_s=2.5,  # WPNAV_SPEED_UP
     sink_m_s=1.5,  # WPNAV_SPEED_DN
+    slows_setpoints=True,
     radius=("WPNAV_RADIUS", 0.01),
     stops_exactly=True,
     announces=True,

@@ -28,7 +28,7 @@ from mock_vehicle.autopilot.manoeuvres import (
 )
 from mock_vehicle.autopilot.navigation import Navigation
 from mock_vehicle.autopilot.parameters import Dialect, Parameters, ParameterService
-from mock_vehicle.autopilot.plans import PlanRules
+from mock_vehicle.autopilot.plans import Item, PlanRules
 from mock_vehicle.autopilot.progress import Progress
 from mock_vehicle.autopilot.traits import (
     FLIGHT_STATES,
@@ -104,8 +104,6 @@ class Autopilot(ABC):
     auto_rules: ClassVar[AutoRules]
     mission_mode: ClassVar[int]
     """The mode that flies the mission."""
-    mission_modes: ClassVar[frozenset[int]]
-    """The modes in which MISSION_CURRENT.mission_mode says so."""
     stream_groups: ClassVar[Mapping[int, Sequence[int]]] = {}
     """Message ids by the stream of REQUEST_DATA_STREAM."""
 
@@ -234,6 +232,10 @@ class Autopilot(ABC):
         """Take a SET_POSITION_TARGET_LOCAL_NED that is for us."""
 
     @abstractmethod
+    def receive_attitude(self, setpoint: Setpoint, now: float) -> None:
+        """Take a SET_ATTITUDE_TARGET that is for us, as accelerations and a climb."""
+
+    @abstractmethod
     def advance(self, now: float) -> None:
         """Run the personality's own timers."""
 
@@ -253,6 +255,10 @@ class Autopilot(ABC):
     def banner(self) -> Sequence[str]:
         """What it says of itself before a list of parameters."""
         return ()
+
+    def take_guided_item(self, item: Item, current: int, now: float) -> int | None:  # noqa: ARG002
+        """Fly to a MISSION_ITEM that is none of a plan; a MAV_MISSION_RESULT, None is silence."""
+        return None
 
     def may_speak(self, link: Link, now: float) -> bool:  # noqa: ARG002 - PX4 looks who listens
         """Whether STATUSTEXT is sent over a link at all."""

@@ -104,9 +104,9 @@ def _send_item(
 
 
 def _home(autopilot: Autopilot) -> Item:
-    origin = autopilot.origin
-    place = (round(origin.latitude_deg * 1e7), round(origin.longitude_deg * 1e7))
-    return Item(0, Cmd.NAV_WAYPOINT, NO_PARAMS, *place, origin.amsl_m)
+    home = autopilot.origin.to_global(*autopilot.navigation.home_m)
+    place = (round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7))
+    return Item(0, Cmd.NAV_WAYPOINT, NO_PARAMS, *place, home.amsl_m)
 
 
 def on_ack(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:

@@ -120,6 +120,10 @@ def follow_setpoint(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
     """Fly the last setpoint; an acceleration alone is a velocity that grows."""
     setpoint = autopilot.setpoint
     velocity = setpoint.velocity_m_s
+    is_place = setpoint.is_position_only and all(map(math.isfinite, setpoint.position_m))
+    if is_place and autopilot.speed_m_s is not None and autopilot.auto_rules.slows_setpoints:
+        _fly_to(autopilot, setpoint.position_m, setpoint.yaw_rad)
+        return
     if not all(map(math.isfinite, velocity)):
         velocity = _velocity(autopilot)
     has_position = any(map(math.isfinite, setpoint.position_m))
@@ -156,20 +160,25 @@ def go(autopilot: Autopilot, now: float) -> None:
     """Fly straight to a place, nose ahead, braking in time, and stay there."""
     if autopilot.hold_at is None:
         hold(autopilot, now)
-        return
-    distance_m = math.dist(autopilot.hold_at, autopilot.state[:3])
+    else:
+        _fly_to(autopilot, autopilot.hold_at)
+
+
+def _fly_to(autopilot: Autopilot, place_m: Vector, yaw_rad: float = NAN) -> None:
+    distance_m = math.dist(place_m, autopilot.state[:3])
     if distance_m < NEAR_M:
-        autopilot.command(Control.POSITION, position_m=autopilot.hold_at)
+        autopilot.command(Control.POSITION, position_m=place_m, yaw_rad=yaw_rad)
         return
     north, east, down = (
         (there - here) / distance_m
-        for there, here in zip(autopilot.hold_at, autopilot.state[:3], strict=True)
+        for there, here in zip(place_m, autopilot.state[:3], strict=True)
     )
     speed = _speed_along(autopilot, (north, east, down), distance_m)
     is_far = math.hypot(north, east) * distance_m > COURSE_M
-    course_rad = math.atan2(east, north) if is_far and math.isnan(autopilot.heading_rad) else NAN
+    if is_far and math.isnan(yaw_rad) and math.isnan(autopilot.heading_rad):
+        yaw_rad = math.atan2(east, north)
     velocity = (speed * north, speed * east, speed * down)
-    autopilot.command(Control.VELOCITY, velocity, yaw_rad=course_rad)
+    autopilot.command(Control.VELOCITY, velocity, yaw_rad=yaw_rad)
 
 
 def _speed_along(autopilot: Autopilot, direction: Vector, distance_m: float) -> float:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mock_vehicle.autopilot.commands import Command, Result, whole
+from mock_vehicle.autopilot.commands import Command, Result, acknowledge, whole
 from mock_vehicle.autopilot.legs import change_speed, turn
-from mock_vehicle.autopilot.progress import set_current
+from mock_vehicle.autopilot.progress import mission_current, set_current
 from mock_vehicle.autopilot.traits import Manoeuvre
 
 if TYPE_CHECKING:
@@ -40,11 +40,14 @@ def start_ardupilot(autopilot: ArduPilot, command: Command, now: float) -> int:
     return result
 
 
-def set_mission_current(autopilot: ArduPilot, command: Command, now: float) -> int:  # noqa: ARG001
-    """Go on with item param1."""
+def set_mission_current(autopilot: ArduPilot, command: Command, now: float) -> int | None:
+    """Go on with item param1, and tell so by MISSION_CURRENT."""
     sequence = whole(command.params[0])
-    is_set = sequence is not None and set_current(autopilot, sequence)
-    return Result.ACCEPTED if is_set else Result.DENIED
+    if sequence is None or not set_current(autopilot, sequence):
+        return Result.DENIED
+    acknowledge(autopilot, command, Result.ACCEPTED)
+    mission_current(autopilot, now)
+    return None
 
 
 def pause(autopilot: ArduPilot, command: Command, now: float) -> int:

@@ -24,6 +24,7 @@ DATUMS: Mapping[int, str] = {
     11: ABOVE_HOME,
 }
 """What the altitude of a MAV_FRAME counts from."""
+GLOBAL = 0
 
 
 def degrees(degrees_e7: float) -> float:
@@ -36,7 +37,8 @@ def to_local(
 ) -> Vector:
     """Give north, east and down, m; what is not given, or of no known frame, is NaN."""
     datum = DATUMS.get(frame)
-    amsl_m = altitude_m + (autopilot.origin.amsl_m if datum == ABOVE_HOME else 0.0)
+    home_amsl_m = autopilot.origin.amsl_m - autopilot.navigation.home_m[2]
+    amsl_m = altitude_m + (home_amsl_m if datum == ABOVE_HOME else 0.0)
     north_m, east_m, down_m = autopilot.origin.to_local(latitude_deg, longitude_deg, amsl_m)
     return north_m, east_m, down_m if datum else math.nan
 
@@ -49,7 +51,12 @@ def of_item(autopilot: Autopilot, item: Item) -> Vector:
         latitude_deg = longitude_deg = math.nan
     altitude_m = math.nan if item.z == 0.0 and autopilot.auto_rules.zero_is_here else item.z
     there = to_local(autopilot, item.frame, latitude_deg, longitude_deg, altitude_m)
+    return filled(there, here)
+
+
+def filled(there: Vector, here: Vector) -> Vector:
+    """Complete a place by this one, where it says nothing."""
     north, east, down = (
-        value if math.isfinite(value) else now for value, now in zip(there, here, strict=True)
+        value if math.isfinite(value) else own for value, own in zip(there, here, strict=True)
     )
     return north, east, down

@@ -104,6 +104,8 @@ class PlanRules:
     timeout_result: int | None
     """MAV_MISSION_RESULT told when an upload starves; None is silence."""
     timeout_text: str
+    no_space_text: str
+    """Said of too large a plan, with its limit."""
     wrong_sequence: int | None
     """MAV_MISSION_RESULT for an item out of turn; None asks for the right one again."""
     unasked_item: int | None
@@ -217,6 +219,7 @@ PX4_RULES = PlanRules(
     timeout_s=5.0,
     timeout_result=None,
     timeout_text="",
+    no_space_text="",
     wrong_sequence=None,
     unasked_item=None,
     restarts=False,
@@ -246,6 +249,7 @@ ARDUPILOT_RULES = PlanRules(
     timeout_s=8.0,
     timeout_result=Outcome.OPERATION_CANCELLED,
     timeout_text="Mission upload timeout",
+    no_space_text="Only {} items are supported",
     wrong_sequence=Outcome.INVALID_SEQUENCE,
     unasked_item=Outcome.ERROR,
     restarts=True,

@@ -11,6 +11,7 @@ from mock_vehicle.autopilot import (
     commands,
     ftp,
     gnss,
+    goto,
     mission_commands,
     missions,
     parameters,
@@ -243,6 +244,8 @@ class Px4(Autopilot):
         commands.NAV_TAKEOFF: takeoff,
         commands.NAV_LAND: commands.mode_command(AUTO_LAND),
         commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(AUTO_RTL),
+        goto.DO_REPOSITION: goto.reposition_px4,
+        goto.DO_ORBIT: goto.orbit_px4,
         mission_commands.MISSION_START: mission_commands.start_px4,
         mission_commands.DO_CHANGE_SPEED: mission_commands.accept_speed,
     }
@@ -250,6 +253,8 @@ class Px4(Autopilot):
         **commands.MESSAGES,
         **parameters.MESSAGES,
         **missions.MESSAGES,
+        goto.GLOBAL_SETPOINT.id: goto.on_global_setpoint_px4,
+        goto.ATTITUDE_SETPOINT.id: goto.on_attitude_setpoint,
         **ftp.MESSAGES,
         **gnss.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
@@ -258,7 +263,6 @@ class Px4(Autopilot):
     plan_rules: ClassVar[PlanRules] = PX4_RULES
     auto_rules: ClassVar[AutoRules] = PX4_AUTO
     mission_mode: ClassVar[int] = AUTO_MISSION
-    mission_modes: ClassVar[frozenset[int]] = frozenset({AUTO_MISSION, AUTO_LAND})
     streamable: ClassVar[Mapping[int, Encoder]] = px4_telemetry.STREAMS
     requestable: ClassVar[Mapping[int, Encoder]] = px4_telemetry.REQUESTS
 
@@ -367,7 +371,7 @@ class Px4(Autopilot):
         if number == OFFBOARD:
             return self._has_setpoints(now)
         if number == AUTO_MISSION:
-            return self.plans.has_mission
+            return self.plans.has_mission and self.navigation.has_origin
         return MODES[number].can_enter_flying
 
     def _has_setpoints(self, now: float) -> bool:
@@ -433,8 +437,16 @@ class Px4(Autopilot):
         if complaint:
             self.say(Severity.CRITICAL, complaint, now)
             return
-        self.accept_setpoint(_read(values, self.state.yaw_rad), now)
+        self.receive_attitude(_read(values, self.state.yaw_rad), now)
+
+    def receive_attitude(self, setpoint: Setpoint, now: float) -> None:
+        """Take it as any other setpoint."""
+        self.accept_setpoint(setpoint, now)
         self.failsafe.watch(self, now)
+
+    def loiter(self, now: float) -> None:
+        """Change to the mode in which places and circles are flown."""
+        self.enter(AUTO_LOITER, now)
 
 
 def _groups(values: Any) -> Setpoint:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 MISSION_WRITE_PARTIAL_LIST = wire.message("MISSION_WRITE_PARTIAL_LIST")
 
 ITEM_COMPLAINT = "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"
+GUIDED = (2, 3)
+"""MISSION_ITEM.current of a place to fly to now, and of an altitude."""
 REJECTED_TEXT = "Flight plan update rejected"
 
 
@@ -25,18 +27,19 @@ def on_count(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
     plans = autopilot.plans
     if not is_ours(autopilot, v):
         return
-    refusal = _refused_count(autopilot, v, client, now)
+    refusal = _refused_count(autopilot, v, client)
     if refusal is not None:
         ack(autopilot, client, v.mission_type, refusal)
+        if refusal == Outcome.NO_SPACE and plans.rules.no_space_text:
+            text = plans.rules.no_space_text.format(plans.rules.capacity[v.mission_type])
+            autopilot.say(Severity.WARNING, text, now)
     elif plans.transfer is not None and not plans.rules.restarts:
         ask(autopilot, plans.transfer, now)  # our first request was lost
     else:
         _begin_upload(autopilot, frame, 0, v.count - 1, now)
 
 
-def _refused_count(
-    autopilot: Autopilot, values: Any, client: tuple[int, int], now: float
-) -> int | None:
+def _refused_count(autopilot: Autopilot, values: Any, client: tuple[int, int]) -> int | None:
     rules, transfer = autopilot.plans.rules, autopilot.plans.transfer
     if values.mission_type not in rules.capacity:
         return Outcome.UNSUPPORTED
@@ -46,9 +49,6 @@ def _refused_count(
         can_repeat = transfer.is_upload and transfer.next == 0 and transfer.partner == client
         return None if can_repeat else Outcome.ERROR
     if values.count > rules.capacity[values.mission_type]:
-        if rules.has_home:
-            text = f"Only {rules.capacity[values.mission_type]} items are supported"
-            autopilot.say(Severity.WARNING, text, now)
         return Outcome.NO_SPACE
     return None
 
@@ -90,12 +90,23 @@ def on_item(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
         _take(autopilot, frame, read_item(frame.values, is_float=False), now)
 
 
+def _is_guided(autopilot: Autopilot, frame: wire.Frame, item: Item, now: float) -> bool:
+    """Fly to an item that belongs to no plan, and tell whether it is one."""
+    v = frame.values
+    if v.current not in GUIDED or v.mission_type != Kind.MISSION:
+        return False
+    result = autopilot.take_guided_item(item, v.current, now)
+    if result is not None:
+        ack(autopilot, (frame.sysid, frame.compid), v.mission_type, result)
+    return result is not None
+
+
 def on_float_item(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
     """Take an outdated item with its place in degrees of 32 bits."""
     if is_ours(autopilot, frame.values):
         _note_form(autopilot, is_float=True)
-        complain(autopilot, ITEM_COMPLAINT, now)
         _take(autopilot, frame, read_item(frame.values, is_float=True), now)
+        complain(autopilot, ITEM_COMPLAINT, now)
 
 
 def _note_form(autopilot: Autopilot, *, is_float: bool) -> None:
@@ -107,6 +118,8 @@ def _note_form(autopilot: Autopilot, *, is_float: bool) -> None:
 def _take(autopilot: Autopilot, frame: wire.Frame, item: Item, now: float) -> None:
     plans, v = autopilot.plans, frame.values
     transfer, client = plans.transfer, (frame.sysid, frame.compid)
+    if _is_guided(autopilot, frame, item, now):
+        return
     if transfer is None or not transfer.is_upload or transfer.partner != client:
         if plans.rules.unasked_item is not None:
             ack(autopilot, client, v.mission_type, plans.rules.unasked_item)
