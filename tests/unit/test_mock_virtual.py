@@ -68,6 +68,30 @@ def test_a_fault_strikes_at_once(mock_vehicle: VirtualVehicle) -> None:
 
 
 @virtual
+def test_a_fault_has_a_duration_and_parameters_and_is_healed(mock_vehicle: VirtualVehicle) -> None:
+    def speaks() -> bool:
+        mock_vehicle.receive()
+        mock_vehicle.fly(0.5)
+        return bool(mock_vehicle.receive())
+
+    mock_vehicle.faults.strike("link-loss", duration_s=1.2, direction="downlink")
+    assert [speaks() for _ in range(3)] == [False, False, True]
+    mock_vehicle.faults.strike("link-loss")
+    mock_vehicle.faults.heal("freeze")
+    assert not speaks()
+    mock_vehicle.faults.heal("link-loss")
+    assert speaks()
+
+
+@virtual
+def test_a_parameter_that_a_fault_does_not_have_names_the_nearest(
+    mock_vehicle: VirtualVehicle,
+) -> None:
+    with pytest.raises(ValueError, match="did you mean 'delay_s'"):
+        mock_vehicle.faults.strike("link-delay", delay=0.3)
+
+
+@virtual
 def test_a_fault_that_is_none_names_the_nearest(mock_vehicle: VirtualVehicle) -> None:
     with pytest.raises(ValueError, match="did you mean 'dead'"):
         mock_vehicle.faults.strike("daed")
