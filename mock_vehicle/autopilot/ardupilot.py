@@ -26,6 +26,7 @@ from mock_vehicle.autopilot.ardupilot_failsafe import Failsafe, Settings
 from mock_vehicle.autopilot.auto_rules import ARDUPILOT_AUTO, AutoRules
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.ekf_failsafe import EkfFailsafe
 from mock_vehicle.autopilot.legs import NAVIGATION
 from mock_vehicle.autopilot.link import Encoder
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
@@ -274,7 +275,7 @@ class ArduPilot(Autopilot):
     stream_groups: ClassVar[Mapping[int, Sequence[int]]] = rates.ARDUPILOT_GROUPS
 
     def _restart(self, now: float) -> None:
-        self.failsafe = Failsafe()
+        self.failsafe, self.ekf_failsafe = Failsafe(), EkfFailsafe()
         super()._restart(now)
 
     @property
@@ -300,7 +301,7 @@ class ArduPilot(Autopilot):
         """STANDBY also while armed on the ground; ACTIVE once the motors are up."""
         if self.uptime_s(now) < self.boot.standby_s:
             return SystemStatus.BOOT
-        if self.failsafe.is_active:
+        if self.failsafe.is_active or (self.ekf_failsafe.is_on and self.armed):
             return SystemStatus.CRITICAL
         on_ground = self.landed_state is LandedState.ON_GROUND
         return SystemStatus.STANDBY if on_ground else SystemStatus.ACTIVE
@@ -378,6 +379,7 @@ class ArduPilot(Autopilot):
     def advance(self, now: float) -> None:
         """Brake when a velocity has grown old, hold a position for ever; watch what may fail."""
         self.failsafe.watch(self, now)
+        self.ekf_failsafe.watch(self, now)
         if self.manoeuvre is not Manoeuvre.SETPOINT or self.setpoint.is_position_only:
             return
         if now - self.setpoint_at >= self.traits.setpoint_timeout_s:

@@ -34,7 +34,7 @@ MODE = {"px4": 6 << 16, "ardupilot": 4}
 ARM, REQUEST_MESSAGE, VELOCITY = 400, 512, 0xDC7
 MESSAGES = (
     *("HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "DISTANCE_SENSOR", "COMMAND_ACK"),
-    *("BATTERY_STATUS", "TUNNEL", "AUTOPILOT_VERSION", "GPS_RAW_INT"),
+    *("BATTERY_STATUS", "TUNNEL", "AUTOPILOT_VERSION", "GPS_RAW_INT", "STATUSTEXT"),
 )
 
 
@@ -289,6 +289,27 @@ def test_a_glitch_moves_the_fix_and_an_estimate_that_hangs_on_it(begin: Begin) -
     assert log.frames("LOCAL_POSITION_NED")[-1].values.x == pytest.approx(11.1, abs=0.01)
     log.fly(2.0)
     assert log.frames("GPS_RAW_INT")[-1].values.lat == before.lat
+
+
+def test_ardupilot_lands_when_it_has_been_without_satellites_for_8_s(begin: Begin) -> None:
+    log = begin(autopilot="ardupilot")
+    log.take_off()
+    log.forget()
+    start = log.now
+    log.strike("gnss-loss")
+    log.fly(16.0)
+    modes = [(at - start, f.values) for at, f in log.heard[0] if f.id == 0]
+    at, landing = next((at, beat) for at, beat in modes if beat.custom_mode == 9)
+    assert at == pytest.approx(8.2, abs=0.15)
+    assert (landing.system_status, landing.base_mode & 128) == (5, 128)
+    said = [(round(at - start), f.values.text) for at, f in log.heard[0] if f.id == 253]
+    assert said == [
+        (8, "EKF variance"),
+        (8, "EKF Failsafe: changed to LAND Mode"),
+        (15, "EKF3 IMU1 stopped aiding"),
+        (15, "EKF3 IMU0 stopped aiding"),
+    ]
+    assert {f.values.custom_mode for f in log.frames("HEARTBEAT", 1)} == {4}
 
 
 def test_drift_loses_a_tenth_of_the_way(begin: Begin) -> None:
