@@ -410,11 +410,11 @@ class Parser:
         data = bytes(data)
         rest, self._rest = self._rest, b""
         frames = self.feed(rest + data)
-        if len(self._rest) == len(rest) + len(data) and _starts_with_frame(data):
+        if len(self._rest) > len(data) and _starts_with_frame(data):
             # A whole frame came while we still wait: the rest of the old one was never sent.
-            self.stats.skipped_bytes += len(rest)
+            self.stats.skipped_bytes += len(self._rest) - len(data)
             self._rest = b""
-            return self.feed(data)
+            frames += self.feed(data)
         return frames
 
     def _refuse(

@@ -329,6 +329,14 @@ def test_a_frame_that_never_ends_gives_way_to_the_next_datagram(number: int) -> 
     assert parser.stats == wire.Stats(frames=1, skipped_bytes=40)
 
 
+def test_frames_that_never_end_one_inside_the_other_give_way_to_the_next_datagram() -> None:
+    parser = wire.Parser(["HEARTBEAT"])
+    nested = b"\xfe\x1e" + bytes(4) + b"\xfe\xfe" + bytes(14)
+    assert parser.feed(nested) == []
+    assert [frame.seq for seq in range(4) for frame in parser.feed(beat(seq))] == [0, 1, 2, 3]
+    assert parser.stats.skipped_bytes == len(nested)
+
+
 @pytest.mark.parametrize(
     ("seqs", "lost"),
     [
