@@ -177,6 +177,9 @@ def on_clear_all(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:  
     if not set(kinds) <= set(Kind):
         ack(autopilot, client, v.mission_type, Outcome.UNSUPPORTED)
         return
+    transfer = autopilot.plans.transfer
+    if transfer is not None and not transfer.is_upload and transfer.kind in kinds:
+        autopilot.plans.transfer = None  # there is nothing left to fetch
     for kind in kinds:
         autopilot.plans.replace(kind, [])
     if Kind.MISSION in kinds:

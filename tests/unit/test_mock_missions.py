@@ -268,6 +268,16 @@ def test_px4_is_busy_until_a_download_is_acknowledged() -> None:
     assert summary(planner.count(1)) == [("REQUEST_INT", 0)]
 
 
+@pytest.mark.parametrize("kind", [MISSION, 255])
+def test_a_download_is_over_when_its_plan_is_cleared(kind: int) -> None:
+    planner = Planner("px4")
+    planner.upload([waypoint()] * 3)
+    assert planner.length() == 3
+    planner.ask(mavlink.MAVLink_mission_clear_all_message(7, 1, kind))
+    assert not planner.request(0)
+    assert summary(planner.count(1)) == [("REQUEST_INT", 0)]
+
+
 def test_ardupilot_refuses_to_be_read_while_it_is_written() -> None:
     planner = Planner("ardupilot")
     planner.upload([waypoint()] * 3)
