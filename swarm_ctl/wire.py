@@ -222,7 +222,7 @@ class Message:
         """Make the frame that `read` reads: MAVLink 2, unsigned, of full length."""
         head = struct.pack("<BxxBH", self._size, seq, source) + self.id.to_bytes(3, "little")
         body = head + payload[: self._size].ljust(self._size, b"\0")
-        return b"\xfd" + body + struct.pack("<H", mcrf4xx(body + _CRC_EXTRAS[self.id]))
+        return b"\xfd" + body + checksum(body)
 
     def unpack(self, payload: bytes) -> Any:
         """Read `values` from a payload: what is missing is zero, what is too much is ignored."""
@@ -295,6 +295,12 @@ def message(key: str | int) -> Message:
     if number is None or number not in _CRC_EXTRAS:
         raise ValueError(f"the dialect ardupilotmega has no message {key!r}")
     return _message(number)
+
+
+def checksum(body: bytes) -> bytes:
+    """Give the CRC of a MAVLink 2 frame of our dialect: of all that stands after its magic."""
+    number = int.from_bytes(body[6:9], "little")
+    return struct.pack("<H", mcrf4xx(body + _CRC_EXTRAS[number]))
 
 
 class Frame(NamedTuple):
