@@ -6,10 +6,12 @@ import asyncio
 import gc
 import itertools
 import logging
+import os
 import signal
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NoReturn
 
@@ -26,6 +28,7 @@ from mock_vehicle.server import Port, Server
 from mock_vehicle.vehicle import personalities
 from mock_vehicle.world import load_world, read_faults
 from mock_vehicle.world.field import open_field
+from swarm_ctl.signing import find_key, timestamp_of
 
 Show = Callable[[Fleet, Server], AbstractContextManager[Callable[[], None]]]
 
@@ -48,6 +51,7 @@ def run(
     port: options.FirstPort = None,
     ports: options.Ports = None,
     remote: options.Remote = None,
+    signing_key: options.SigningKey = None,
     seed: options.Seed = 1,
     fault: options.FaultList = None,
     faults: options.FaultFile = None,
@@ -60,6 +64,7 @@ def run(
     logging.basicConfig(format="mock-vehicle: %(message)s", stream=sys.stderr)
     kinds = personalities(autopilot.value, vehicles)
     try:
+        key = find_key(signing_key, os.environ)
         check_sysids(sysid, vehicles)
         listening = plan_ports(kinds, host=host, base=port, listed=ports, remote=remote)
         if rates is Telemetry.FULL:
@@ -73,6 +78,8 @@ def run(
             rates=rates.value,
             faults=[*(read_faults(faults) if faults else ()), *map(parse_fault, fault or ())],
         )
+        if key is not None:
+            fleet.sign_with(key, timestamp_of(datetime.now(UTC)))
     except (MockVehicleError, ValueError, OSError) as error:
         _give_up(error)
     show = show_json if as_json else show_human

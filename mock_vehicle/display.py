@@ -30,7 +30,11 @@ def show_json(fleet: Fleet, server: Server) -> Iterator[Callable[[], None]]:
             server.stop()
 
     def progress() -> dict[str, Any]:
-        return {**fleet.referee.snapshot(), "behind_s": round(server.behind_s, 3)}
+        return {
+            **fleet.referee.snapshot(),
+            "behind_s": round(server.behind_s, 3),
+            "refused": fleet.refused,
+        }
 
     write({"ready": server.ready()})
     yield lambda: write(progress())
@@ -99,6 +103,8 @@ class Health:
         ]
         if self._server.behind_s >= 0.1:
             parts.append(f"behind by {self._server.behind_s:.1f} s")
+        if fleet.refused:
+            parts.append(f"refused {fleet.refused}")
         return "  ".join(parts)
 
     def _search(self, seen: dict[str, Any]) -> list[str]:

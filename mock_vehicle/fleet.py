@@ -145,6 +145,16 @@ class Fleet:
         self.gnss = Gnss(self.n, Reception[spec.gnss.reception.upper()], rngs[4])
         self.referee = Referee(world, self.vehicles, self.batteries, self.starts_ned_m)
 
+    def sign_with(self, key: bytes, timestamp: int) -> None:
+        """Give every vehicle the swarm's key; `timestamp` is that of mission time 0."""
+        for vehicle in self.vehicles:
+            vehicle.sign_with(key, timestamp)
+
+    @property
+    def refused(self) -> int:
+        """Frames that all vehicles refused, for want of a good signature."""
+        return sum(vehicle.refused for vehicle in self.vehicles)
+
     @property
     def places(self) -> list[tuple[int, int]]:
         """Every link as (vehicle index, link): those to all companions first."""

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from mock_vehicle.faults import describe
+from swarm_ctl.signing import KEY_VARIABLE
 
 SYSID_MAX = 255
 VEHICLES, TIME, NETWORK, WORLD, OUTPUT = (
@@ -128,6 +129,15 @@ Remote = Annotated[
     typer.Option(
         help="Whom every vehicle calls. (default: 14540 + i for px4, 14550 for ardupilot)",
         metavar="HOST:PORT",
+        rich_help_panel=NETWORK,
+    ),
+]
+SigningKey = Annotated[
+    Path | None,
+    typer.Option(
+        help="Obey only who signs with the key in this file, a passphrase or 64 hexadecimal "
+        f"digits. (default: the key in {KEY_VARIABLE}, if any)",
+        metavar="FILE",
         rich_help_panel=NETWORK,
     ),
 ]

@@ -99,6 +99,11 @@ class Vehicle:
         return len(self.autopilot.links)
 
     @property
+    def refused(self) -> int:
+        """Frames understood and not obeyed, for want of a good signature."""
+        return self.autopilot.gate.refused.total()
+
+    @property
     def armed(self) -> bool:
         """Whether the motors run."""
         return self.autopilot.armed
@@ -128,6 +133,10 @@ class Vehicle:
         self.alive = False
         self._dynamics.control[self.index] = Control.OFF
 
+    def sign_with(self, key: bytes, timestamp: int) -> None:
+        """Sign what leaves and obey only who signs; `timestamp` is that of `now` 0."""
+        self.autopilot.gate.take_key(key, timestamp)
+
     def refresh(
         self, row: list[float], peers: list[PeerFix], victims: list[VictimFix], readings: Readings
     ) -> None:
@@ -149,9 +158,12 @@ class Vehicle:
         if not self.alive:
             return broadcast
         autopilot = self.autopilot
+        autopilot.gate.advance(now)
         via = autopilot.links[link]
         for frame in via.parser.feed(data):
             self.received += 1
+            if not autopilot.admits(frame, via):
+                continue
             if frame.compid == COMPANION_COMPID and _is_broadcast(frame, autopilot.sysid):
                 broadcast.append(frame.raw)
             autopilot.receive(frame, via, now)

@@ -13,6 +13,7 @@ from mock_vehicle.autopilot import (
     ftp,
     gnss,
     goto,
+    keys,
     mission_commands,
     missions,
     parameters,
@@ -264,6 +265,7 @@ class ArduPilot(Autopilot):
         uploads.MISSION_WRITE_PARTIAL_LIST.id: uploads.on_write_partial_list,
         **ftp.MESSAGES,
         commands.HEARTBEAT.id: on_heartbeat,
+        **keys.MESSAGES,
         commands.SET_MODE.id: on_set_mode,
         requests.REQUEST_DATA_STREAM.id: requests.on_request_data_stream,
     }

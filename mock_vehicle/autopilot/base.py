@@ -44,6 +44,7 @@ from mock_vehicle.dynamics import Control, Dynamics
 from mock_vehicle.faults import Trouble
 from mock_vehicle.geodesy import Origin
 from swarm_ctl import wire
+from swarm_ctl.signing import Gatekeeper
 
 if TYPE_CHECKING:
     from mock_vehicle.autopilot.commands import CommandHandler, MessageHandler
@@ -141,6 +142,7 @@ class Autopilot(ABC):
         """Commands that are refused, whatever they ask."""
         self.stale_state: State | None = None
         """What the streams repeat while telemetry is frozen."""
+        self.gate = Gatekeeper()
         self._rates = rates
         self._boot_s = boot_s
         self.parameters = Parameters(
@@ -160,8 +162,13 @@ class Autopilot(ABC):
         self.navigation = Navigation(self._site)
         subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
         self.links = [
-            Link(subscribed, Streams(self.streamable, intervals_s, self.traits.sources_s))
-            for intervals_s in self.traits.intervals_s[self._rates]
+            Link(
+                number,
+                subscribed,
+                Streams(self.streamable, intervals_s, self.traits.sources_s),
+                self.gate,
+            )
+            for number, intervals_s in enumerate(self.traits.intervals_s[self._rates])
         ]
         self.to: Sequence[Link] = self.links
         """The links that `send` serves at the moment."""
@@ -334,6 +341,7 @@ class Autopilot(ABC):
 
     def tick(self, now: float) -> None:
         """Run timers, steer, and queue the telemetry that is due."""
+        self.gate.advance(now)
         self.advance(now)
         missions.watch(self, now)
         auto.run(self, now)
@@ -353,6 +361,14 @@ class Autopilot(ABC):
             ranging.victims(self, now)
         self.to = self.links
         self.navigation.update(self, now)
+
+    def admits(self, frame: wire.Frame, link: Link) -> bool:
+        """Whether a frame may be obeyed; each kind that may not is told of once over a link."""
+        refusal = link.refusal(frame)
+        if refusal:
+            with self.serving(link):
+                self.send(STATUSTEXT, Severity.WARNING, refusal, 0, 0)
+        return refusal is None
 
     def receive(self, frame: wire.Frame, link: Link, now: float) -> None:
         """Obey a frame that came over a link, and answer there."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING
 
 from swarm_ctl import wire
+from swarm_ctl.signing import Gatekeeper, Verdict
 
 if TYPE_CHECKING:
     from mock_vehicle.autopilot.base import Autopilot
@@ -80,10 +81,23 @@ class Streams:
                     stream.due_s = now + stream.period_s
 
 
+REFUSALS: Mapping[Verdict, str] = {
+    Verdict.UNSIGNED: "Unsigned commands refused",
+    Verdict.FORGED: "Commands with a wrong signature refused",
+    Verdict.REPLAYED: "Replayed commands refused",
+    Verdict.OLD: "Commands with an old signature refused",
+}
+"""What is said of them, once over each link."""
+
+
 class Link:
     """Where one peer, or one network of peers, talks with an autopilot; sans I/O."""
 
-    def __init__(self, subscribed: Collection[int], streams: Streams) -> None:
+    def __init__(
+        self, number: int, subscribed: Collection[int], streams: Streams, gate: Gatekeeper
+    ) -> None:
+        self.number = number
+        """Its id in signatures."""
         self.outbox: list[bytes] = []
         """Frames that leave next."""
         self.streams = streams
@@ -92,7 +106,18 @@ class Link:
         """PINGs sent, which are numbered."""
         self.gcs_seen_at = -math.inf
         """When a ground station's heartbeat last came in here."""
+        self._refused: set[Verdict] = set()
+        self._gate = gate
         self._sequences: dict[int, int] = {}
+
+    def refusal(self, frame: wire.Frame) -> str | None:
+        """Say why a frame may not be obeyed: nothing for one that may, no words when told."""
+        verdict = self._gate.refusal(frame)
+        if verdict is None:
+            return None
+        is_news = verdict not in self._refused
+        self._refused.add(verdict)
+        return REFUSALS[verdict] if is_news else ""
 
     def send(
         self, message: wire.Message, sysid: int, compid: int, values: tuple[object, ...]
@@ -100,7 +125,8 @@ class Link:
         """Queue a frame under this link's own sequence number."""
         sequence = self._sequences.get(compid, 0)
         self._sequences[compid] = (sequence + 1) & 0xFF
-        self.outbox.append(message.pack(sequence, sysid, compid, *values))
+        frame = message.pack(sequence, sysid, compid, *values)
+        self.outbox.append(self._gate.seal(frame, self.number))
 
     def take(self) -> list[bytes]:
         """Empty the outbox."""
