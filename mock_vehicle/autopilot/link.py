@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 Encoder = Callable[["Autopilot", float], None]
 """Sends a message, or several of one kind, of an autopilot at a time."""
 
+OUTBOX_FRAMES = 4096
+"""The oldest of more are lost, as on a real link: nobody may listen at all."""
 EARLY_S = 0.005
 """A message due this soon is sent now: ticks are sums of floats."""
 
@@ -98,7 +101,7 @@ class Link:
     ) -> None:
         self.number = number
         """Its id in signatures."""
-        self.outbox: list[bytes] = []
+        self.outbox: deque[bytes] = deque(maxlen=OUTBOX_FRAMES)
         """Frames that leave next."""
         self.streams = streams
         self.parser = wire.Parser(subscribed)
@@ -130,5 +133,6 @@ class Link:
 
     def take(self) -> list[bytes]:
         """Empty the outbox."""
-        frames, self.outbox = self.outbox, []
+        frames = list(self.outbox)
+        self.outbox.clear()
         return frames

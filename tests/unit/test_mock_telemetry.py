@@ -24,6 +24,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mock_vehicle.sensors.readings import PeerFix, VictimFix
 from mock_vehicle.vehicle import Personality
+from swarm_ctl import wire
 
 # Boot, heartbeat, streams.
 
@@ -326,3 +327,13 @@ def test_a_requested_message_comes_after_the_acknowledgement_on_ardupilot_alone(
     refusal = {"px4": DENIED, "ardupilot": FAILED}[personality]
     assert client.command(512, 9999) == [(512, refusal)]
     assert client.command(520) == [(520, ACCEPTED)]
+
+
+@both
+def test_frames_that_nobody_takes_do_not_pile_up(personality: Personality) -> None:
+    client = Client(personality)
+    for moment in range(10_000):
+        client.send(mavlink.MAVLink_timesync_message(0, moment))
+    frames = client.vehicle.take()
+    assert len(frames) == 4096
+    assert wire.message("TIMESYNC").unpack(frames[-1][10:-2]).ts1 == 9999
