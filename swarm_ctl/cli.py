@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import os
 import signal
 import sys
 import time
@@ -27,6 +28,7 @@ from swarm_ctl.progress import ProgressView
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.summary import report_lines
 from swarm_ctl.run import STOP_SIGNALS, TWICE, UdpRun
+from swarm_ctl.signing import KEY_VARIABLE, find_key
 
 if TYPE_CHECKING:
     from swarm_ctl.experiment.arena import Arena
@@ -107,6 +109,14 @@ def run(
             " may be given again.",
         ),
     ] = None,
+    signing_key: Annotated[
+        Path | None,
+        typer.Option(
+            help="Sign all over UDP with the key in this file: a passphrase or 64 hexadecimal "
+            f"digits; default: the key in {KEY_VARIABLE}, if any.",
+            metavar="FILE",
+        ),
+    ] = None,
 ) -> None:
     """Fly a mission against mock vehicles and write its record.
 
@@ -123,6 +133,7 @@ def run(
         duration_s=duration,
     )
     faults = Faults.parse(fault or [], chosen.vehicles)
+    key = _key(signing_key)
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
     is_ours = out is None or not out.exists()
     folder = RunFolder.create(out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode)
@@ -133,7 +144,7 @@ def run(
             if virtual:
                 facts = _fly_virtual(chosen, folder, faults, console, interrupts)
             else:
-                facts = _fly_udp(chosen, folder, faults, console, speed)
+                facts = _fly_udp(chosen, folder, faults, console, speed, key)
         except (SwarmError, KeyboardInterrupt):  # the mock would not, or may not, start
             discard(folder, is_ours=is_ours)
             raise
@@ -187,10 +198,22 @@ def schema() -> None:
     typer.echo(json.dumps(mission_schema(), indent=2))
 
 
+def _key(file: Path | None) -> bytes | None:
+    try:
+        return find_key(file, os.environ)
+    except ValueError as error:
+        raise SwarmError(str(error)) from None
+
+
 def _fly_udp(
-    mission: Mission, folder: RunFolder, faults: Faults, console: Console, speed: float
+    mission: Mission,
+    folder: RunFolder,
+    faults: Faults,
+    console: Console,
+    speed: float,
+    key: bytes | None,
 ) -> dict[str, Any]:
-    flight = UdpRun(mission, folder, speed=speed, faults=faults)
+    flight = UdpRun(mission, folder, speed=speed, faults=faults, key=key)
     with ProgressView(mission, console) as view:
 
         def show(flight: UdpRun) -> None:

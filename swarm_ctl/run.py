@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 from swarm_ctl.controller import KILLED, Clock, Controller, fly
@@ -19,6 +20,7 @@ from swarm_ctl.link.udp import UdpLink
 from swarm_ctl.mission import Mission
 from swarm_ctl.model import Operator
 from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.signing import KEY_VARIABLE, timestamp_of
 
 START_S = 30.0
 """Longest wait for the mock to open its ports, wall time."""
@@ -35,12 +37,22 @@ class UdpRun:
     """One mission over UDP, from the mock's first line to its last."""
 
     def __init__(
-        self, mission: Mission, folder: RunFolder, *, speed: float, faults: Faults | None = None
+        self,
+        mission: Mission,
+        folder: RunFolder,
+        *,
+        speed: float,
+        faults: Faults | None = None,
+        key: bytes | None = None,
     ) -> None:
+        """Prepare a run; with a key of 32 bytes all that is said in it is signed."""
         self.mission = mission
         self.folder = folder
         self.clock = Clock(speed)
         self.controllers = controllers_for(mission, folder)
+        self._environment = dict(os.environ)
+        if key is not None:
+            self._sign_with(key)
         self.referee: dict[str, Any] | None = None
         """The referee's latest report, for the operator's eyes only."""
         self.notes: list[str] = []
@@ -49,6 +61,13 @@ class UdpRun:
         self._mock: asyncio.subprocess.Process | None = None
         self._complaint = ""
         self._is_ready = False
+
+    def _sign_with(self, key: bytes) -> None:
+        """Hand out the key; the mock's command line, which anybody may read, does not show it."""
+        self._environment[KEY_VARIABLE] = key.hex()
+        timestamp = timestamp_of(datetime.now(UTC))
+        for controller in self.controllers:
+            controller.agent.sign_with(key, timestamp)
 
     @property
     def now(self) -> float:
@@ -159,6 +178,7 @@ class UdpRun:
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
+            env=self._environment,
             start_new_session=True,  # a Ctrl-C is for us: the vehicles must stay up to be landed
             limit=1 << 20,
         )

@@ -124,6 +124,10 @@ class Agent:
 
     # -- what the shell calls ------------------------------------------------------------------
 
+    def sign_with(self, key: bytes, timestamp: int) -> None:
+        """Sign what is sent and hear only who signs; `timestamp` is that of `now` 0."""
+        self.sender.gate.take_key(key, timestamp)
+
     @property
     def is_ended(self) -> bool:
         """Whether the mission is over for this vehicle, one way or the other."""
@@ -132,6 +136,8 @@ class Agent:
     def receive(self, data: bytes, now: float) -> None:
         """Take a datagram from the vehicle's link; never raises on what is in it."""
         for frame in self.parser.feed(data):
+            if self.sender.gate.refusal(frame):
+                continue
             if frame.sysid == self.sysid:
                 self.telemetry.receive(frame, now)
             elif frame.compid == COMPANION_COMPONENT and frame.id == _TUNNEL_ID:
@@ -141,6 +147,7 @@ class Agent:
     def tick(self, now: float) -> bytes:
         """Decide; give the frames to send, as one datagram (empty when there is nothing)."""
         self.now = now
+        self.sender.gate.advance(now)
         if self.is_ended:
             return b""
         self._digest()

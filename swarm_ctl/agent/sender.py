@@ -6,6 +6,7 @@ from swarm_ctl import wire
 from swarm_ctl.autopilot.command import Command
 from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.model import Setpoint
+from swarm_ctl.signing import Gatekeeper
 
 _HEARTBEAT = wire.message("HEARTBEAT")
 _COMMAND_LONG = wire.message("COMMAND_LONG")
@@ -25,6 +26,7 @@ class Sender:
     def __init__(self, sysid: int) -> None:
         self.sysid = sysid
         self.sent = 0
+        self.gate = Gatekeeper()
 
     def heartbeat(self) -> bytes:
         """Say that the companion is alive."""
@@ -59,4 +61,4 @@ class Sender:
     def _pack(self, message: wire.Message, *values: object) -> bytes:
         frame = message.pack(self.sent & 0xFF, self.sysid, COMPANION_COMPONENT, *values)
         self.sent += 1
-        return frame
+        return self.gate.seal(frame)
