@@ -9,7 +9,7 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import NoReturn
 import typer
 
 from mock_vehicle import options
+from mock_vehicle.autopilot.parameters import read_values
 from mock_vehicle.display import show_human, show_json
 from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import parse_fault
@@ -25,7 +26,7 @@ from mock_vehicle.fleet import Fleet
 from mock_vehicle.options import SYSID_MAX, Autopilot, Boot, Telemetry
 from mock_vehicle.ports import LOCALHOST, plan_gcs_ports, plan_ports
 from mock_vehicle.server import Port, Server
-from mock_vehicle.vehicle import personalities
+from mock_vehicle.vehicle import PERSONALITIES, personalities
 from mock_vehicle.world import load_world, read_faults
 from mock_vehicle.world.field import open_field
 from swarm_ctl.signing import find_key, timestamp_of
@@ -45,6 +46,7 @@ def run(
     sysid: options.Sysid = 1,
     rates: options.Rates = Telemetry.FULL,
     boot: options.BootTime = Boot.FAST,
+    param: options.ParameterFiles = None,
     speed: options.Speed = 1.0,
     duration: options.Duration = None,
     host: options.Host = LOCALHOST,
@@ -76,6 +78,7 @@ def run(
             first_sysid=sysid,
             boot_s=None if boot is Boot.REAL else READY_S,
             rates=rates.value,
+            parameters=read_parameters(param or (), kinds),
             faults=[*(read_faults(faults) if faults else ()), *map(parse_fault, fault or ())],
         )
         if key is not None:
@@ -92,6 +95,12 @@ def run(
 def _give_up(error: Exception) -> NoReturn:
     typer.echo(f"mock-vehicle: {error}", err=True)
     raise typer.Exit(2) from None
+
+
+def read_parameters(paths: Sequence[Path], kinds: Sequence[str]) -> dict[str, float]:
+    """Read parameter files for a fleet of these personalities; the last file has the last word."""
+    dialects = {PERSONALITIES[kind].dialect for kind in kinds}
+    return {name: value for path in paths for name, value in read_values(path, dialects).items()}
 
 
 def check_sysids(first: int, vehicles: int) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_vehicle.autopilot.parameters import share_out
 from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.dynamics import Control, Dynamics
 from mock_vehicle.faults import Fault, check
@@ -23,7 +24,7 @@ from mock_vehicle.sensors.odometry import Odometry
 from mock_vehicle.sensors.rangefinder import BODY_RADIUS_M, RANGE_MIN_M, Rangefinders
 from mock_vehicle.sensors.readings import Readings
 from mock_vehicle.trouble import Troubles
-from mock_vehicle.vehicle import LIMITS, Personality, Vehicle, packed, refresh_all
+from mock_vehicle.vehicle import LIMITS, PERSONALITIES, Personality, Vehicle, packed, refresh_all
 from mock_vehicle.wind import Wind
 
 if TYPE_CHECKING:
@@ -61,8 +62,9 @@ class Fleet:
         """Put the vehicles on their starts.
 
         They are ready to arm `boot_s` s after the start, or as late as the real ones (None).
-        `rates` "full" sends telemetry as often as the real ones, one frame per datagram.
-        `parameters` are those that differ from the defaults, the same for all.
+        `parameters` replace defaults; each vehicle takes those that its autopilot has, but for the
+        sysid, which the fleet gives. `rates` "full" sends telemetry as often as the real ones, one
+        frame per datagram.
         """
         self.world = world
         self.personalities = list(personalities)
@@ -76,7 +78,7 @@ class Fleet:
         self._steps_per_sample = round(TICK_S / self.step_s)
         self._steps_per_tick = 1 if rates == "full" else self._steps_per_sample
         self._pack = list if rates == "full" else packed
-        self._build(world, personalities, seed, boot_s, rates, parameters)
+        self._build(world, personalities, seed, boot_s, rates, parameters or {})
         self._equip(world, rngs)
         self.links = LossyLinks(seed)
         """What lies between autopilots and their peers."""
@@ -94,8 +96,9 @@ class Fleet:
         seed: int,
         boot_s: float | None,
         rates: Rates,
-        parameters: Mapping[str, float] | None,
+        parameters: Mapping[str, float],
     ) -> None:
+        own = share_out(parameters, [PERSONALITIES[kind].dialect for kind in personalities])
         self.starts_ned_m, yaw_rad = world.starts(self.n, seed)
         limits = [LIMITS[personality] for personality in personalities]
         self.dynamics = Dynamics(self.n, self.starts_ned_m, yaw_rad, limits)
@@ -117,7 +120,7 @@ class Fleet:
                 rates=rates,
                 origin=Origin(gnss.latitude_deg, gnss.longitude_deg, gnss.amsl_m),
                 uid=seed << 8 | sysid,
-                parameters=parameters,
+                parameters=own[index],
             )
             for index, (sysid, personality) in enumerate(
                 zip(self.sysids, personalities, strict=True)

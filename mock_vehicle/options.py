@@ -146,6 +146,15 @@ Seed = Annotated[
     int,
     typer.Option(help="Seed of starts, noise, wind and losses.", min=0, rich_help_panel=WORLD),
 ]
+ParameterFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--param",
+        help="Parameter file, of QGroundControl or NAME,VALUE lines; repeatable.",
+        metavar="FILE",
+        rich_help_panel=VEHICLES,
+    ),
+]
 FaultList = Annotated[
     list[str] | None,
     typer.Option(

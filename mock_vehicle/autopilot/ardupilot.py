@@ -16,6 +16,7 @@ from mock_vehicle.autopilot import (
     keys,
     mission_commands,
     missions,
+    parameter_service,
     parameters,
     rates,
     requests,
@@ -257,7 +258,7 @@ class ArduPilot(Autopilot):
     }
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
-        **parameters.MESSAGES,
+        **parameter_service.MESSAGES,
         **missions.MESSAGES,
         goto.GLOBAL_SETPOINT.id: goto.on_global_setpoint,
         goto.ATTITUDE_SETPOINT.id: goto.on_attitude_setpoint,

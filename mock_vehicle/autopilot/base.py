@@ -27,7 +27,8 @@ from mock_vehicle.autopilot.manoeuvres import (
     fall,
 )
 from mock_vehicle.autopilot.navigation import Navigation
-from mock_vehicle.autopilot.parameters import Dialect, Parameters, ParameterService
+from mock_vehicle.autopilot.parameter_service import ParameterService
+from mock_vehicle.autopilot.parameters import Dialect, Parameters
 from mock_vehicle.autopilot.plans import Item, PlanRules
 from mock_vehicle.autopilot.progress import Progress
 from mock_vehicle.autopilot.traits import (

@@ -72,6 +72,6 @@ def check(place: str, name: str, value: float, kind: int) -> None:
 
 def unknown(place: str, name: str, known: Collection[str]) -> ParameterError:
     """Say that nobody has this parameter, and which one may be meant."""
-    near = difflib.get_close_matches(name.upper(), known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name.upper(), known, n=1, cutoff=0.7)
     hint = f", perhaps {near[0]}?" if near else ""
     return ParameterError(place, f"there is no parameter {name}{hint}")

@@ -14,6 +14,7 @@ from mock_vehicle.autopilot import (
     goto,
     mission_commands,
     missions,
+    parameter_service,
     parameters,
     px4_telemetry,
     rates,
@@ -251,7 +252,7 @@ class Px4(Autopilot):
     }
     message_table: ClassVar[Mapping[int, MessageHandler]] = {
         **commands.MESSAGES,
-        **parameters.MESSAGES,
+        **parameter_service.MESSAGES,
         **missions.MESSAGES,
         goto.GLOBAL_SETPOINT.id: goto.on_global_setpoint_px4,
         goto.ATTITUDE_SETPOINT.id: goto.on_attitude_setpoint,

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import struct
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,7 +10,10 @@ from mock_client import NAN, Client, both
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mock_vehicle.autopilot.parameter_files import ParameterError
+from mock_vehicle.autopilot.parameters import ARDUPILOT, DATA, PX4, Dialect, read_values, table
+from mock_vehicle.fleet import Fleet
 from mock_vehicle.vehicle import Personality
+from mock_vehicle.world.field import open_field
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
 UNASKED = 65535
@@ -375,3 +379,65 @@ def test_answers_of_file_transfers_are_not_answered(personality: Personality) ->
     station = Station(personality)
     with pytest.raises(StopIteration):
         refusal(station, 129)
+
+
+# Parameter files.
+
+
+BOTH_FILES = {
+    "MAVProxy": "# a comment\nRTL_ALT 2000\nGUID_TIMEOUT   1.5 # seconds\n\n",
+    "Mission Planner": "#NOTE: 22.11.2026\r\nRTL_ALT,2000\r\nGUID_TIMEOUT,1.5\r\n",
+    "QGroundControl": "# Vehicle-Id Component-Id Name Value Type\n"
+    "1\t1\tRTL_ALT\t2000\t6\n1\t1\tGUID_TIMEOUT\t1.500000000000000000\t9\n",
+}
+
+
+@pytest.mark.parametrize("text", BOTH_FILES.values(), ids=BOTH_FILES)
+def test_a_parameter_file_is_read_as_its_ground_station_writes_it(
+    text: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "my.param"
+    file.write_bytes(text.encode())
+    assert read_values(file, [ARDUPILOT]) == {"RTL_ALT": 2000.0, "GUID_TIMEOUT": 1.5}
+
+
+@pytest.mark.parametrize("dialect", [PX4, ARDUPILOT])
+def test_a_file_of_all_default_parameters_changes_nothing(dialect: Dialect) -> None:
+    values = read_values(DATA / f"{dialect.name}.param", [dialect])
+    assert values == dict(table(dialect).defaults)
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("RTL_ALTT 3", ":2: there is no parameter RTL_ALTT, perhaps RTL_ALT?"),
+        ("NOTHING_LIKE_IT 3", ":2: there is no parameter NOTHING_LIKE_IT"),
+        ("RTL_ALT high", ":2: RTL_ALT cannot be 'high', it takes a number"),
+        ("RTL_ALT 1.5", ":2: RTL_ALT cannot be 1.5, it takes a whole number"),
+        ("LAND_SPEED 40000", ":2: LAND_SPEED cannot be 40000, it has 16 bits"),
+        ("GUID_TIMEOUT nan", ":2: GUID_TIMEOUT cannot be nan"),
+        ("RTL_ALT", ":2: 'RTL_ALT' is not NAME VALUE"),
+        ("1 1 RTL_ALT 15 real", ":2: RTL_ALT cannot be '15', it takes a number"),
+    ],
+)
+def test_a_bad_line_of_a_parameter_file_is_named(line: str, sentence: str, tmp_path: Path) -> None:
+    file = tmp_path / "my.param"
+    file.write_text(f"GUID_TIMEOUT 1\n{line}\n")
+    with pytest.raises(ParameterError) as error:
+        read_values(file, [ARDUPILOT])
+    assert str(error.value) == f"{file}{sentence}"
+
+
+def test_each_vehicle_of_a_mixed_fleet_takes_the_parameters_that_it_has() -> None:
+    values = {"RTL_ALT": 2000.0, "RTL_RETURN_ALT": 20.0}
+    fleet = Fleet(open_field(), ["px4", "ardupilot", "px4"], seed=1, parameters=values)
+    first, second, third = (vehicle.autopilot.parameters for vehicle in fleet.vehicles)
+    assert (first["RTL_RETURN_ALT"], third["RTL_RETURN_ALT"], second["RTL_ALT"]) == (20, 20, 2000)
+    assert "RTL_ALT" not in first
+    with pytest.raises(ParameterError, match="there is no parameter RTL_ALT"):
+        Fleet(open_field(), ["px4", "px4"], seed=1, parameters=values)
+
+
+def test_a_fleet_numbers_its_vehicles_whatever_the_parameters_say() -> None:
+    fleet = Fleet(open_field(), ["px4", "px4"], seed=1, parameters={"MAV_SYS_ID": 1})
+    assert [vehicle.autopilot.sysid for vehicle in fleet.vehicles] == [1, 2]

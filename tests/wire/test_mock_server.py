@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from mock_vehicle.autopilot.parameters import DATA
 from mock_vehicle.fleet import Fleet
 from mock_vehicle.ports import hint, plan_gcs_ports, plan_ports
 from mock_vehicle.server import Server
@@ -253,6 +254,8 @@ def test_garbage_does_no_harm(world: Path, start: Start, meet: Meet) -> None:
         ("", ("--remote", "nowhere"), "expected HOST:PORT"),
         ("", ("--vehicles", 250, "--first-sysid", 9), "not 255"),
         ("", ("--vehicles", 200), "starts.grid"),
+        ("", ("--param", DATA / "ardupilot.param"), "ardupilot.param:3: there is no parameter"),
+        ("", ("--param", "none.param"), "none.param"),
         ("", ("--ports", "14580"), "--port and --ports say the same"),
     ],
 )
