@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from mock_vehicle.autopilot import (
     ardupilot_telemetry,
+    boot,
     clock,
     commands,
     ftp,
@@ -30,7 +31,7 @@ from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.ekf_failsafe import EkfFailsafe
 from mock_vehicle.autopilot.legs import NAVIGATION
-from mock_vehicle.autopilot.link import Encoder
+from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
 from mock_vehicle.autopilot.plans import ARDUPILOT_RULES, Cmd, Item, PlanRules
 from mock_vehicle.autopilot.traits import (
@@ -128,6 +129,7 @@ TRAITS = Traits(
     battery_kind=(0, 0),
     motors=Motors(disarmed_us=1000, idle_us=1100, hover_us=1583, hover_thrust=0.35, unused_us=0),
     fix=Fix(6, 121, 200, 10, 300, 300, 0),
+    has_receiver=True,
     home_attitude=(NAN, NAN, NAN, NAN),
     guesses_airspeed=True,
     estimator_flags=((41.5, 831), (5.9, 167), (5.5, 0), (-math.inf, 1024)),
@@ -135,7 +137,13 @@ TRAITS = Traits(
     doubting_flags=37,
     dead_reckoning_s=15.2,
     boot=Boot(
-        heartbeat_s=1.02, standby_s=2.46, gnss_s=10.1, home_s=20.0, position_s=41.5, ready_s=41.5
+        heartbeat_s=1.02,
+        standby_s=2.46,
+        gnss_s=10.1,
+        origin_s=20.0,
+        home_s=20.0,
+        position_s=41.5,
+        ready_s=41.5,
     ),
     intervals_s={"lean": (rates.ARDUPILOT_LEAN,), "full": (rates.ARDUPILOT_FULL,)},
     sources_s={},
@@ -176,6 +184,8 @@ TRAITS = Traits(
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x5371FC0F, 0x5341FC0F, 0x4751FC0F
 SENSOR_GNSS, SENSOR_AHRS, SENSOR_LOGGING = 0x20, 0x200000, 0x1000000
 POSITION_CONTROL = 0x6000
+BASE_MODE_STABILIZE, BASE_MODE_GUIDED = 81, 89
+PREARM_EVERY_S = 30.4
 FASTEST_INTERVAL_US = 5000
 FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED = 1, 7
 BODY_FRAMES = frozenset({8, 9})
@@ -275,10 +285,14 @@ class ArduPilot(Autopilot):
     mission_mode: ClassVar[int] = AUTO
     streamable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
     requestable: ClassVar[Mapping[int, Encoder]] = ardupilot_telemetry.STREAMS
+    announcements: ClassVar[Sequence[boot.Announcement]] = boot.ANNOUNCEMENTS
     stream_groups: ClassVar[Mapping[int, Sequence[int]]] = rates.ARDUPILOT_GROUPS
 
     def _restart(self, now: float) -> None:
         self.failsafe, self.ekf_failsafe = Failsafe(), EkfFailsafe()
+        self._has_started = False
+        self._checked_at = now
+        self._texts: list[tuple[Severity, str]] | None = None
         super()._restart(now)
 
     @property
@@ -288,8 +302,14 @@ class ArduPilot(Autopilot):
 
     @property
     def base_mode(self) -> int:
-        """As the mode table says."""
-        return MODES[self.mode].base_mode
+        """As the mode table says, but for the first seconds and a LAND without a position."""
+        if not self._has_started:
+            return BASE_MODE_GUIDED
+        return BASE_MODE_STABILIZE if self._lands_blindly else MODES[self.mode].base_mode
+
+    @property
+    def _lands_blindly(self) -> bool:
+        return self.mode == LAND and self.armed and self.ekf_failsafe.is_on
 
     def tuned(self) -> Traits:
         """Scale the recorded numbers by the parameters."""
@@ -318,19 +338,53 @@ class ArduPilot(Autopilot):
         return system in {0, self.sysid}
 
     def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:
-        """Refuse while booting, and in modes that have no take-off."""
-        mode = MODES[self.mode]
-        is_free = not self.settings.checks_arming and self.mode in UNCHECKED
+        """Refuse while booting, without a position, and in modes that have no take-off."""
+        reasons = self.failed_checks(now)
+        if self.is_ready(now) and force:
+            return None
+        return [f"Arm: {reason}" for reason in reasons] or None
+
+    def failed_checks(self, now: float) -> list[str]:
+        """Give the reasons not to arm."""
+        reasons: list[str] = []
         has_started = self.uptime_s(now) >= self.boot.standby_s
-        if not (self.is_ready(now) or (is_free and has_started)):
-            return ["Arm: System not initialised"]
-        if mode.can_arm or force:
-            return None
+        is_free = not self.settings.checks_arming and self.mode in UNCHECKED
+        if is_free and has_started:
+            return reasons
+        if not self.is_ready(now):
+            reasons += boot.refusals(self.recorded_s(now))
+        elif not self.has_position(now):
+            reasons += boot.LAST_REFUSAL
+        if has_started:
+            reasons += self._mode_refusals()
+        return reasons
+
+    def _mode_refusals(self) -> list[str]:
+        mode = MODES[self.mode]
         if self.mode == AUTO and not self.plans.has_mission:
-            return ["Arm: Mode requires mission"]
-        if self.mode == AUTO and int(self.parameters["AUTO_OPTIONS"]) & ALLOW_ARMING:
-            return None
-        return [f"Arm: {mode.name} mode not armable"]
+            return ["Mode requires mission"]
+        allowed = self.mode == AUTO and int(self.parameters["AUTO_OPTIONS"]) & ALLOW_ARMING
+        return [] if mode.can_arm or allowed else [f"{mode.name} mode not armable"]
+
+    def _start(self, now: float) -> None:
+        """End the start of the software, which forgets the mode set meanwhile."""
+        self.enter(STABILIZE, now)
+        self._has_started = True
+
+    def receive(self, frame: wire.Frame, link: Link, now: float) -> None:
+        """Say after the answer what there is to say."""
+        self._texts = []
+        super().receive(frame, link, now)
+        texts, self._texts = self._texts, None
+        for severity, text in texts:
+            self.say(severity, text, now)
+
+    def say(self, severity: Severity, text: str, now: float) -> None:
+        """Keep a text until the answer to a frame has been given."""
+        if self._texts is None:
+            super().say(severity, text, now)
+        else:
+            self._texts.append((severity, text))
 
     def sensor_bits(self, now: float) -> tuple[int, int, int]:  # noqa: ARG002
         """Show the receiver once it has had a fix, the estimator once it has an origin."""
@@ -343,9 +397,13 @@ class ArduPilot(Autopilot):
             enabled, health = enabled & ~POSITION_CONTROL, health & ~POSITION_CONTROL
         return present, enabled if self.armed else enabled & ~SENSOR_LOGGING, health
 
+    def announce_origin(self, now: float) -> None:
+        """Tell origin and home at once."""
+        self.announce_home(now)
+
     def announce_home(self, now: float) -> None:
         """Tell origin and home at once."""
-        if self._rates == "full":
+        if self.is_talkative:
             gnss.global_origin(self, now)
             gnss.home_position(self, now)
 
@@ -380,9 +438,24 @@ class ArduPilot(Autopilot):
         return begins == Cmd.NAV_TAKEOFF
 
     def advance(self, now: float) -> None:
-        """Brake when a velocity has grown old, hold a position for ever; watch what may fail."""
+        """Start, check, fail safe, and brake when a velocity has grown old."""
+        if not self._has_started and self.uptime_s(now) >= self.boot.standby_s:
+            self._start(now)
+        if now - self._checked_at >= PREARM_EVERY_S:
+            self.check(now)
         self.failsafe.watch(self, now)
         self.ekf_failsafe.watch(self, now)
+        self._brake_when_old(now)
+
+    def check(self, now: float) -> None:
+        """Say why it would not arm."""
+        self._checked_at = now
+        if self.is_talkative and not self.armed:
+            for reason in self.failed_checks(now):
+                self.say(Severity.CRITICAL, f"PreArm: {reason}", now)
+
+    def _brake_when_old(self, now: float) -> None:
+        """Brake on an old velocity; a position is held for ever."""
         if self.manoeuvre is not Manoeuvre.SETPOINT or self.setpoint.is_position_only:
             return
         if now - self.setpoint_at >= self.traits.setpoint_timeout_s:

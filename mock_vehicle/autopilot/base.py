@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mock_vehicle.autopilot import auto, missions, ranging
 from mock_vehicle.autopilot.auto_rules import AutoRules
+from mock_vehicle.autopilot.boot import Announcement, BootLog
 from mock_vehicle.autopilot.link import Encoder, Link, Streams
 from mock_vehicle.autopilot.manoeuvres import (
     FLY,
@@ -44,6 +45,7 @@ from mock_vehicle.autopilot.transfers import Plans
 from mock_vehicle.dynamics import Control, Dynamics
 from mock_vehicle.faults import Trouble
 from mock_vehicle.geodesy import Origin
+from mock_vehicle.sensors.gnss import Reception
 from swarm_ctl import wire
 from swarm_ctl.signing import Gatekeeper
 
@@ -106,6 +108,8 @@ class Autopilot(ABC):
     auto_rules: ClassVar[AutoRules]
     mission_mode: ClassVar[int]
     """The mode that flies the mission."""
+    announcements: ClassVar[Sequence[Announcement]] = ()
+    """What it says while it boots."""
     stream_groups: ClassVar[Mapping[int, Sequence[int]]] = {}
     """Message ids by the stream of REQUEST_DATA_STREAM."""
 
@@ -161,6 +165,7 @@ class Autopilot(ABC):
         self.boot = self.traits.boot.within(self._boot_s)
         """When it can do what, in seconds since boot."""
         self.navigation = Navigation(self._site)
+        self._boot_log = BootLog(self.announcements if self.is_talkative else ())
         subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
         self.links = [
             Link(
@@ -256,8 +261,12 @@ class Autopilot(ABC):
         """MAV_SYS_STATUS_SENSOR bits present, enabled and healthy, without the arming check."""
 
     @abstractmethod
+    def announce_origin(self, now: float) -> None:
+        """Tell unasked where the origin lies on the globe, which is new."""
+
+    @abstractmethod
     def announce_home(self, now: float) -> None:
-        """Tell unasked where home and the origin lie on the globe, which is new."""
+        """Tell unasked where home lies on the globe, which is new."""
 
     @property
     def banner(self) -> Sequence[str]:
@@ -302,7 +311,17 @@ class Autopilot(ABC):
         for text in texts:
             self.say(Severity.INFO, text, now)
 
+    @property
+    def is_talkative(self) -> bool:
+        """Whether it says all that the real ones say, not only what a swarm needs."""
+        return self._rates == "full"
+
     # Places.
+
+    @property
+    def receives_gnss(self) -> bool:
+        """Whether there are satellites, and something to receive them with."""
+        return self.traits.has_receiver and self.state.reception > Reception.DENIED
 
     @property
     def origin(self) -> Origin:
@@ -362,6 +381,7 @@ class Autopilot(ABC):
             ranging.victims(self, now)
         self.to = self.links
         self.navigation.update(self, now)
+        self._boot_log.run(self, now)
 
     def admits(self, frame: wire.Frame, link: Link) -> bool:
         """Whether a frame may be obeyed; each kind that may not is told of once over a link."""
@@ -407,6 +427,7 @@ class Autopilot(ABC):
         self._armed_at = self._idle_since = now
         self._touched_at = None
         self._inform(self.traits.texts_armed, now)
+        self.navigation.set_home(self, self.state[:3], now)
 
     def disarm(self, now: float) -> None:
         """Stop the motors, wherever the vehicle is."""

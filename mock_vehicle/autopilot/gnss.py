@@ -60,10 +60,10 @@ def quality(autopilot: Autopilot, now: float) -> Fix:
     """Give the quality of the fix at this moment."""
     if autopilot.uptime_s(now) < autopilot.boot.gnss_s:
         return NO_RECEIVER
-    reception = autopilot.state.reception
-    if reception == Reception.DENIED:
+    if not autopilot.receives_gnss:
         return LOST_FIX
-    return DEGRADED_FIX if reception == Reception.DEGRADED else autopilot.traits.fix
+    is_degraded = autopilot.state.reception == Reception.DEGRADED
+    return DEGRADED_FIX if is_degraded else autopilot.traits.fix
 
 
 def gps_raw(autopilot: Autopilot, now: float) -> None:
@@ -119,7 +119,7 @@ def global_position(autopilot: Autopilot, now: float) -> None:
 
 def known_global_position(autopilot: Autopilot, now: float) -> None:
     """Send GLOBAL_POSITION_INT as PX4 does, who says nothing when it knows nothing."""
-    if autopilot.navigation.has_origin and autopilot.has_position(now):
+    if autopilot.navigation.has_home(autopilot, now) and autopilot.has_position(now):
         global_position(autopilot, now)
 
 
@@ -135,7 +135,7 @@ def altitude(autopilot: Autopilot, now: float) -> None:
 
 def home_position(autopilot: Autopilot, now: float) -> None:
     """Send HOME_POSITION, if there is a home on the globe."""
-    if not autopilot.navigation.has_origin:
+    if not autopilot.navigation.has_home(autopilot, now):
         return
     home = home_of(autopilot)
     autopilot.send(
@@ -179,14 +179,13 @@ def set_home(autopilot: Autopilot, command: Command, now: float) -> int:
         return autopilot.traits.denial
     if not all(map(math.isfinite, home)):
         return autopilot.traits.denial
-    autopilot.navigation.home_m = home
-    autopilot.announce_home(now)
+    autopilot.navigation.set_home(autopilot, home, now)
     return Result.ACCEPTED
 
 
 def get_home(autopilot: Autopilot, command: Command, now: float) -> int | None:
     """Send HOME_POSITION (the old way to ask)."""
-    if not autopilot.navigation.has_origin:
+    if not autopilot.navigation.has_home(autopilot, now):
         return autopilot.traits.denial
     acknowledge(autopilot, command, Result.ACCEPTED)
     home_position(autopilot, now)

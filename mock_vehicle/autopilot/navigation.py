@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mock_vehicle.geodesy import Origin, Vector
-from mock_vehicle.sensors.gnss import Reception
 
 if TYPE_CHECKING:
     from mock_vehicle.autopilot.base import Autopilot
@@ -29,12 +28,10 @@ class Navigation:
 
     def update(self, autopilot: Autopilot, now: float) -> None:
         """Look at the satellites."""
-        reception = autopilot.state.reception
-        uptime_s, boot = autopilot.uptime_s(now), autopilot.boot
-        receives = reception > Reception.DENIED
-        if receives and uptime_s >= boot.gnss_s:
-            self.knows_time = True
-            if not self.has_origin and uptime_s >= boot.home_s:
+        uptime_s, receives = autopilot.uptime_s(now), autopilot.receives_gnss
+        if receives and not self.has_origin:
+            self.knows_time = uptime_s >= autopilot.boot.gnss_s
+            if uptime_s >= autopilot.boot.origin_s:
                 self.set_origin(autopilot, self.site, now)
         if receives or autopilot.has_odometry:
             self.lost_at = None
@@ -42,9 +39,19 @@ class Navigation:
             self.lost_at = now
 
     def set_origin(self, autopilot: Autopilot, origin: Origin, now: float) -> None:
-        """Take an origin, and the place of the start as home."""
+        """Take an origin."""
         self.origin, self.has_origin = origin, True
-        autopilot.announce_home(now)
+        autopilot.announce_origin(now)
+
+    def set_home(self, autopilot: Autopilot, home_m: Vector, now: float) -> None:
+        """Take a home."""
+        self.home_m = home_m
+        if self.has_home(autopilot, now):
+            autopilot.announce_home(now)
+
+    def has_home(self, autopilot: Autopilot, now: float) -> bool:
+        """Whether home lies anywhere on the globe."""
+        return self.has_origin and autopilot.uptime_s(now) >= autopilot.boot.home_s
 
     def silent_s(self, now: float) -> float:
         """Tell for how long nothing has told the position."""

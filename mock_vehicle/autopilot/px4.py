@@ -39,7 +39,7 @@ from mock_vehicle.autopilot.traits import (
     Traits,
 )
 from mock_vehicle.dynamics import UNLIMITED, Limits, Loop
-from mock_vehicle.sensors.gnss import Fix, Reception
+from mock_vehicle.sensors.gnss import Fix
 from swarm_ctl import wire
 
 LIMITS = Limits(
@@ -145,6 +145,7 @@ TRAITS = Traits(
     battery_kind=(1, 1),
     motors=Motors(disarmed_us=900, idle_us=1000, hover_us=1507, hover_thrust=0.51, unused_us=900),
     fix=Fix(3, 70, 110, 10, 900, 1780, 400),
+    has_receiver=True,
     home_attitude=(1.0, 0.0, 0.0, 0.0),
     guesses_airspeed=False,
     estimator_flags=((3.5, 1023), (2.5, 229), (-math.inf, 164)),
@@ -152,7 +153,13 @@ TRAITS = Traits(
     doubting_flags=0x25,
     dead_reckoning_s=5.0,  # EKF2_NOAID_TOUT; a loss was not recorded
     boot=Boot(
-        heartbeat_s=1.45, standby_s=1.45, gnss_s=0.55, home_s=2.5, position_s=0.6, ready_s=4.6
+        heartbeat_s=1.45,
+        standby_s=1.45,
+        gnss_s=0.55,
+        origin_s=1.2,
+        home_s=2.5,
+        position_s=0.6,
+        ready_s=4.6,
     ),
     intervals_s={
         "lean": (rates.PX4_LEAN,),
@@ -326,7 +333,7 @@ class Px4(Autopilot):
 
     def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:  # noqa: ARG002
         """Refuse before the boot is over, in a mode that cannot fly, without its ground station."""
-        if not self.is_ready(now):
+        if not (self.is_ready(now) and self.has_position(now)):
             return ["Arming denied: Resolve system health failures first\t"]
         if self.settings.gcs and not self.hears_gcs(now):
             return []
@@ -339,10 +346,15 @@ class Px4(Autopilot):
         """Show nothing before the estimator runs, and the receiver last."""
         if self.recorded_s(now) < SENSORS_S:
             return (0, 0, SENSORS_HEALTHY)
-        if self.state.reception == Reception.DENIED:
+        if not self.receives_gnss:
             return (SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY & ~SENSOR_GNSS)
         seen = SENSOR_GNSS if self.is_ready(now) else 0
         return (SENSORS_PRESENT | seen, SENSORS_ENABLED | seen, SENSORS_HEALTHY)
+
+    def announce_origin(self, now: float) -> None:
+        """Tell it at once."""
+        if self.is_talkative:
+            gnss.global_origin(self, now)
 
     def announce_home(self, now: float) -> None:
         """Wait to be asked."""

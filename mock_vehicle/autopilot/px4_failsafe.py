@@ -1,4 +1,4 @@
-"""What PX4 does when setpoints, the ground station or the battery fail it; as recorded."""
+"""What PX4 does when setpoints, ground station or battery fail it, as recorded, or satellites."""
 
 from __future__ import annotations
 
@@ -139,6 +139,8 @@ class Failsafe:
         wanted = px4.settings.offboard if px4.has_lost_setpoints(now) else Action.NONE
         if wanted is Action.TERMINATE:
             self._least = wanted
+        if px4.flying and not px4.has_position(now):
+            wanted = max(wanted, Action.LAND)
         present = dict(self._causes(px4, now))
         self._since = {cause: self._since.get(cause, now) for cause in present}
         self._overridden &= present.keys()

@@ -74,7 +74,8 @@ def estimator_flags(autopilot: Autopilot, now: float) -> int:
         return traits.estimator_flags[1][1]
     if navigation.silent_s(now) >= traits.doubt_s:
         return traits.doubting_flags
-    if autopilot.state.reception < Reception.PRESENT or not navigation.has_origin:
+    is_good = autopilot.receives_gnss and autopilot.state.reception == Reception.PRESENT
+    if not is_good or not navigation.has_origin:
         flags &= ~ABSOLUTE_POSITION
     return flags & ~CONSTANT_POSITION if autopilot.armed else flags
 

@@ -98,6 +98,8 @@ class Boot:
     """The software has started."""
     gnss_s: float
     """The receiver has a fix."""
+    origin_s: float
+    """The origin on the globe is known."""
     home_s: float
     """HOME_POSITION is known."""
     position_s: float
@@ -110,8 +112,8 @@ class Boot:
         if ready_s is None:
             return self
         share = ready_s / self.ready_s
-        times = (self.standby_s, self.gnss_s, self.home_s, self.position_s, self.ready_s)
-        return Boot(0.0, *(share * time_s for time_s in times))
+        times = (self.standby_s, self.gnss_s, self.origin_s, self.home_s, self.position_s)
+        return Boot(0.0, *(share * time_s for time_s in (*times, self.ready_s)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +175,8 @@ class Traits:
     motors: Motors
     fix: Fix
     """What a good fix looks like."""
+    has_receiver: bool
+    """Whether there is a receiver of satellites at all."""
     home_attitude: tuple[float, float, float, float]
     """HOME_POSITION.q."""
     guesses_airspeed: bool

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mock_client import ACCEPTED, FAILED, REJECTED, Client, both
+from mock_client import ACCEPTED, AP_LAND, FAILED, PX4_LAND, REJECTED, Client, both
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mock_vehicle.geodesy import TESTING_GROUND
@@ -84,7 +84,7 @@ def test_a_home_of_nonsense_is_refused(personality: Personality) -> None:
 @both
 def test_home_lies_nowhere_before_the_first_fix(personality: Personality) -> None:
     client = Client(personality, boot_s=None)
-    client.fly(1.5)
+    client.fly(1.0)
     assert asked(client, 242, "HOME_POSITION") is None
     assert asked(client, 49, "GPS_GLOBAL_ORIGIN") is None
     client.fly(20.0)
@@ -168,3 +168,89 @@ def test_a_receiver_that_receives_is_right() -> None:
     assert not gnss.measure(0.1).any()
     gnss.glitch_ned_m[1] = (5.0, 0.0, 0.0)
     assert gnss.measure(0.1).tolist() == [[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]]
+
+
+# Satellites lost in flight, with nothing else to navigate by.
+
+
+def test_ardupilot_lands_8_s_after_the_satellites_are_gone() -> None:
+    client = Client("ardupilot", rates="full")
+    client.take_off(6.0)
+    client.command(511, 32, 1e5)
+    client.readings.gnss_reception[:] = Reception.DENIED
+    lost_s = client.now
+    assert client.fly_until(lambda: client.vehicle.mode == AP_LAND) == pytest.approx(8.2, abs=0.2)
+    assert client.texts[-2:] == ["EKF variance", "EKF Failsafe: changed to LAND Mode"]
+    client.fly(1.0)
+    heartbeat = client.last("HEARTBEAT")
+    assert (heartbeat.base_mode, heartbeat.system_status) == (209, 5)
+    assert asked(client, 193, "EKF_STATUS_REPORT").flags == 37
+    client.fly(10.0)
+    assert client.times("LOCAL_POSITION_NED")[-1] - lost_s == pytest.approx(15.2, abs=0.2)
+    assert asked(client, 193, "EKF_STATUS_REPORT").flags == 167
+    client.fly_until(lambda: not client.vehicle.armed)
+    assert client.height_m == 0.0
+    assert client.command(400, 1) == [(400, FAILED)]
+    assert "Arm: Need Position Estimate" in client.texts
+
+
+def test_a_parameter_switches_ardupilots_receiver_off() -> None:
+    client = ready("ardupilot")
+    client.vehicle.autopilot.set_parameter("SIM_GPS1_ENABLE", 0.0)
+    client.tick()
+    fix = asked(client, 24, "GPS_RAW_INT")
+    assert (fix.fix_type, fix.satellites_visible) == (1, 3)
+
+
+def test_px4_lands_without_satellites_until_they_are_back() -> None:
+    client = ready("px4")
+    client.take_off(20.0)
+    client.go_offboard()
+    client.fly(1.0, vx=0.0)
+    client.readings.gnss_reception[:] = Reception.DENIED
+    client.fly(6.5, vx=0.0)
+    blind = client.last("HEARTBEAT")
+    assert (blind.custom_mode, blind.system_status) == (PX4_LAND, 5)
+    assert client.now - client.times("LOCAL_POSITION_NED")[-1] > 1.0
+    client.readings.gnss_reception[:] = Reception.PRESENT
+    client.fly(2.0, vx=0.0)
+    assert client.last("HEARTBEAT").custom_mode == 6 << 16
+    assert client.height_m > 10.0
+
+
+@both
+def test_satellites_that_come_back_soon_are_not_missed(personality: Personality) -> None:
+    client = ready(personality)
+    client.take_off(5.0)
+    mode = client.vehicle.mode
+    client.readings.gnss_reception[:] = Reception.DENIED
+    client.fly(4.5)
+    client.readings.gnss_reception[:] = Reception.PRESENT
+    client.fly(20.0)
+    assert client.vehicle.mode == mode
+    assert client.height_m == pytest.approx(5.0, abs=0.3)
+
+
+@both
+def test_a_vehicle_that_never_saw_satellites_does_not_arm(personality: Personality) -> None:
+    client = Client(personality)
+    client.readings.gnss_reception[:] = Reception.DENIED
+    client.fly(5.0)
+    denial = {"px4": REJECTED, "ardupilot": FAILED}[personality]
+    assert client.command(400, 1) == [(400, denial)]
+
+
+def test_home_is_where_it_armed_last_and_it_returns_there() -> None:
+    client = ready("ardupilot")
+    client.take_off(5.0)
+    client.go_offboard()
+    client.fly(15.0, mask=0xDF8, x=8.0, y=0.0, z=-5.0)
+    client.set_mode(AP_LAND)
+    client.fly_until(lambda: not client.vehicle.armed)
+    client.take_off(5.0)
+    assert asked(client, 242, "HOME_POSITION").x == pytest.approx(8.0, abs=0.5)
+    client.go_offboard()
+    client.fly(15.0, mask=0xDF8, x=20.0, y=0.0, z=-5.0)
+    client.set_mode(6)
+    client.fly_until(lambda: not client.vehicle.armed, within_s=120.0)
+    assert client.dynamics.position_ned_m[0, 0] == pytest.approx(3.0 + 8.0, abs=0.7)
