@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -165,6 +165,7 @@ class Autopilot(ABC):
         self.boot = self.traits.boot.within(self._boot_s)
         """When it can do what, in seconds since boot."""
         self.navigation = Navigation(self._site)
+        self._timers: list[tuple[float, Callable[[float], None]]] = []
         self._boot_log = BootLog(self.announcements if self.is_talkative else ())
         subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
         self.links = [
@@ -382,6 +383,8 @@ class Autopilot(ABC):
         self.to = self.links
         self.navigation.update(self, now)
         self._boot_log.run(self, now)
+        if self._timers:
+            self._run_timers(now)
 
     def admits(self, frame: wire.Frame, link: Link) -> bool:
         """Whether a frame may be obeyed; each kind that may not is told of once over a link."""
@@ -398,6 +401,16 @@ class Autopilot(ABC):
             self.to = (link,)
             handler(self, frame, now)
             self.to = self.links
+
+    def later(self, at_s: float, act: Callable[[float], None]) -> None:
+        """Do something at a time; a reboot forgets it."""
+        self._timers.append((at_s, act))
+
+    def _run_timers(self, now: float) -> None:
+        due = [timer for timer in self._timers if timer[0] <= now]
+        self._timers = [timer for timer in self._timers if timer[0] > now]
+        for _, act in due:
+            act(now)
 
     def reboot(self, now: float) -> None:
         """Start again, motors off, as after power-on."""

@@ -205,6 +205,8 @@ class Traits:
     """MAV_RESULT for the interval of an unknown message."""
     request_refusal: int
     """MAV_RESULT for the request of an unknown message."""
+    reboot_refusal: int
+    """MAV_RESULT for a reboot while armed."""
     unknown_interval_us: int
     """MESSAGE_INTERVAL of an unknown message."""
     unknown_interval_result: int
