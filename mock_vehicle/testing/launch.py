@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from datetime import UTC, datetime
 
 from mock_vehicle.ports import LOCALHOST, free_udp_port
 from mock_vehicle.server import Port, Server
@@ -11,6 +12,7 @@ from mock_vehicle.testing.plan import Plan
 from mock_vehicle.testing.real import Pilot, RealSwarm, RealVehicle
 from mock_vehicle.testing.virtual import VirtualSwarm, VirtualVehicle, Wires
 from mock_vehicle.testing.watched import WatchedFleet
+from swarm_ctl.signing import EPOCH, key_of, timestamp_of
 
 
 @contextlib.contextmanager
@@ -20,6 +22,9 @@ def launch(plan: Plan) -> Iterator[RealSwarm | VirtualSwarm]:
     WorldError names file and key of a world that cannot be, ValueError a fault that cannot.
     """
     fleet = WatchedFleet(plan.load_world(), plan.kinds, **plan.fleet_arguments())
+    if plan.signing_key is not None:
+        begin = EPOCH if plan.time == "virtual" else datetime.now(UTC)
+        fleet.sign_with(key_of(str(plan.signing_key)), timestamp_of(begin))
     if plan.time == "virtual":
         wires = Wires(fleet)
         yield VirtualSwarm(wires, [VirtualVehicle(wires, index) for index in range(fleet.n)])

@@ -13,6 +13,7 @@ from mock_vehicle.faults import Fault, parse_fault
 from mock_vehicle.vehicle import MIXED, PERSONALITIES, personalities
 from mock_vehicle.world import World, load_world
 from mock_vehicle.world.field import open_field
+from swarm_ctl.signing import key_of
 
 SYSID_MAX = 255
 SLOWEST, FASTEST = 0.1, 100.0
@@ -49,6 +50,8 @@ class Plan:
     """Those that are not at their defaults, by name."""
     faults: Sequence[str | Fault] = ()
     """What goes wrong, as "battery:1@30": kind, sysid and seconds."""
+    signing_key: str | None = None
+    """Obey only who signs with it: a passphrase, or 64 hexadecimal digits."""
     sysid: int = 1
     """sysid of the first vehicle."""
     one_port: bool = False
@@ -79,6 +82,8 @@ class Plan:
         if self.sysid + self.vehicles - 1 > SYSID_MAX:
             last = self.sysid + self.vehicles - 1
             raise ValueError(f"sysids would end at {last}, beyond {SYSID_MAX}")
+        if self.signing_key is not None:
+            key_of(str(self.signing_key))
         if not isinstance(self.parameters, Mapping):
             raise ValueError(f"parameters should be a mapping, not {self.parameters!r}")  # noqa: TRY004
         if isinstance(self.faults, str):

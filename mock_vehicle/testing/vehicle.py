@@ -36,6 +36,12 @@ class MockVehicle:
             return dict(self._fleet.vehicles[self._index].autopilot.parameters)
 
     @property
+    def refused(self) -> int:
+        """Frames that it has refused, for want of a good signature."""
+        with self._fleet.stepped:
+            return self._fleet.vehicles[self._index].refused
+
+    @property
     def setpoint_times(self) -> list[float]:
         """Mission times of the setpoints that it accepted."""
         with self._fleet.stepped:

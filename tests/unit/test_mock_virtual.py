@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from typing import Any
 
@@ -16,10 +17,13 @@ TAKEOFF, SET_MODE, ARM = 22, 176, 400
 virtual = pytest.mark.mock_vehicle(time="virtual")
 
 
-def command(number: int, *params: float, sysid: int = 1) -> bytes:
+def command(number: int, *params: float, sysid: int = 1, key: bytes = b"") -> bytes:
     seven = (*params, *(0.0,) * 7)[:7]
     message = mavlink.MAVLink_command_long_message(sysid, 1, number, 0, *seven)
-    return bytes(message.pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190)))
+    codec = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    if key:
+        codec.signing.secret_key, codec.signing.sign_outgoing = key, True
+    return bytes(message.pack(codec))
 
 
 def take_off(vehicle: VirtualVehicle, height_m: float) -> None:
@@ -120,6 +124,15 @@ def test_a_parameter_that_is_none_names_the_nearest() -> None:
         pytest.fail("it flies")
 
 
+@pytest.mark.mock_vehicle(time="virtual", signing_key="hush")
+def test_a_vehicle_with_a_key_obeys_who_signs(mock_vehicle: VirtualVehicle) -> None:
+    mock_vehicle.fly(1.0)
+    mock_vehicle.send(command(ARM, 1))
+    assert (mock_vehicle.refused, mock_vehicle.truth.armed) == (1, False)
+    mock_vehicle.send(command(ARM, 1, key=hashlib.sha256(b"hush").digest()))
+    assert (mock_vehicle.refused, mock_vehicle.truth.armed) == (1, True)
+
+
 @virtual
 def test_what_never_comes_is_a_timeout_that_says_how_it_is(mock_vehicle: VirtualVehicle) -> None:
     with pytest.raises(TimeoutError, match=r"within 2 s: Truth\(time_s=2.*armed=False"):
@@ -191,6 +204,7 @@ def test_px4_talks_to_a_ground_station_on_a_link_of_its_own() -> None:
         ({"seed": -1}, "seed should be a whole number, from 0 on, not -1"),
         ({"speed": math.nan}, "speed should be 0.1 to 100, not nan"),
         ({"sysid": 250, "vehicles": 10}, "sysids would end at 259, beyond 255"),
+        ({"signing_key": "two\nlines"}, "a key is one line"),
         ({"parameters": 3}, "parameters should be a mapping, not 3"),
         ({"faults": "dead:1@2"}, "faults should be a list, as ['dead:1@2']"),
     ],
