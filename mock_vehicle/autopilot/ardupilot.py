@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from mock_vehicle.autopilot import (
+    ardupilot_fence,
     ardupilot_telemetry,
     boot,
     clock,
@@ -31,6 +32,7 @@ from mock_vehicle.autopilot.auto_rules import ARDUPILOT_AUTO, AutoRules
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
 from mock_vehicle.autopilot.ekf_failsafe import EkfFailsafe
+from mock_vehicle.autopilot.fences import Breach, FenceSettings
 from mock_vehicle.autopilot.legs import NAVIGATION
 from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
@@ -184,7 +186,7 @@ TRAITS = Traits(
 )
 
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x5371FC0F, 0x5341FC0F, 0x4751FC0F
-SENSOR_GNSS, SENSOR_AHRS, SENSOR_LOGGING = 0x20, 0x200000, 0x1000000
+SENSOR_GNSS, SENSOR_FENCE, SENSOR_AHRS, SENSOR_LOGGING = 0x20, 0x100000, 0x200000, 0x1000000
 POSITION_CONTROL = 0x6000
 BASE_MODE_STABILIZE, BASE_MODE_GUIDED = 81, 89
 PREARM_EVERY_S = 30.4
@@ -261,6 +263,7 @@ class ArduPilot(Autopilot):
         commands.NAV_LAND: commands.mode_command(LAND),
         commands.NAV_RETURN_TO_LAUNCH: commands.mode_command(RTL),
         commands.NAV_LOITER_UNLIM: commands.mode_command(LOITER),
+        ardupilot_fence.DO_FENCE_ENABLE: ardupilot_fence.enable,
         goto.DO_REPOSITION: goto.reposition_ardupilot,
         mission_commands.MISSION_START: mission_commands.start_ardupilot,
         mission_commands.DO_SET_MISSION_CURRENT: mission_commands.set_mission_current,
@@ -322,6 +325,7 @@ class ArduPilot(Autopilot):
         """Work out the failsafes, too."""
         super().tune()
         self.settings = Settings.of(self.parameters)
+        self.fence_settings = FenceSettings.of_ardupilot(self.parameters)
 
     def system_status(self, now: float) -> SystemStatus:
         """STANDBY also while armed on the ground; ACTIVE once the motors are up."""
@@ -359,7 +363,7 @@ class ArduPilot(Autopilot):
         elif not self.has_position(now):
             reasons += boot.LAST_REFUSAL
         if has_started:
-            reasons += self._mode_refusals()
+            reasons += [*ardupilot_fence.arming_refusals(self), *self._mode_refusals()]
         return reasons
 
     def _mode_refusals(self) -> list[str]:
@@ -396,6 +400,9 @@ class ArduPilot(Autopilot):
             present, enabled, health = (bits | SENSOR_GNSS for bits in (present, enabled, health))
         if self.navigation.has_origin or self.has_odometry:
             enabled, health = enabled | SENSOR_AHRS, health | SENSOR_AHRS
+        if self.fence_settings.is_on:
+            present, enabled = present | SENSOR_FENCE, enabled | SENSOR_FENCE
+            health |= SENSOR_FENCE if self.geofence.breach is Breach.NONE else 0
         if MODES[self.mode].manoeuvre is Manoeuvre.FALL:
             enabled, health = enabled & ~POSITION_CONTROL, health & ~POSITION_CONTROL
         return present, enabled if self.armed else enabled & ~SENSOR_LOGGING, health
@@ -448,6 +455,7 @@ class ArduPilot(Autopilot):
             self.check(now)
         self.failsafe.watch(self, now)
         self.ekf_failsafe.watch(self, now)
+        ardupilot_fence.watch(self, now)
         self._brake_when_old(now)
 
     def check(self, now: float) -> None:

@@ -6,7 +6,17 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from mock_vehicle.autopilot import clock, gnss, imu, progress, ranging, requests, status, streams
+from mock_vehicle.autopilot import (
+    clock,
+    fences,
+    gnss,
+    imu,
+    progress,
+    ranging,
+    requests,
+    status,
+    streams,
+)
 from mock_vehicle.autopilot.clock import boot_ms
 from mock_vehicle.autopilot.gnss import e7, place_of
 from mock_vehicle.autopilot.link import Encoder
@@ -21,7 +31,6 @@ AHRS = wire.message("AHRS")
 AHRS2 = wire.message("AHRS2")
 EKF_STATUS_REPORT = wire.message("EKF_STATUS_REPORT")
 ESC_TELEMETRY = wire.message("ESC_TELEMETRY_1_TO_4")
-FENCE_STATUS = wire.message("FENCE_STATUS")
 MEMINFO = wire.message("MEMINFO")
 NAV_CONTROLLER_OUTPUT = wire.message("NAV_CONTROLLER_OUTPUT")
 PARAM_VALUE = wire.message("PARAM_VALUE")
@@ -148,7 +157,7 @@ STREAMS: Mapping[int, Encoder] = {
     AHRS2.id: ahrs2,
     EKF_STATUS_REPORT.id: ekf_status_report,
     ESC_TELEMETRY.id: esc_telemetry,
-    FENCE_STATUS.id: requests.nothing,
+    fences.FENCE_STATUS.id: fences.fence_status,
     MEMINFO.id: meminfo,
     progress.MISSION_CURRENT.id: progress.mission_current,
     NAV_CONTROLLER_OUTPUT.id: nav_controller_output,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mock_vehicle.autopilot import auto, missions, ranging
 from mock_vehicle.autopilot.auto_rules import AutoRules
 from mock_vehicle.autopilot.boot import Announcement, BootLog
+from mock_vehicle.autopilot.fences import FenceSettings, Geofence
 from mock_vehicle.autopilot.link import Encoder, Link, Streams
 from mock_vehicle.autopilot.manoeuvres import (
     FLY,
@@ -106,6 +107,8 @@ class Autopilot(ABC):
     """Messages that REQUEST_MESSAGE gives, by id."""
     plan_rules: ClassVar[PlanRules]
     auto_rules: ClassVar[AutoRules]
+    fence_settings: FenceSettings
+    """What the parameters say of the fence."""
     mission_mode: ClassVar[int]
     """The mode that flies the mission."""
     announcements: ClassVar[Sequence[Announcement]] = ()
@@ -202,6 +205,9 @@ class Autopilot(ABC):
         self.heading_rad = NAN
         """Where the nose points unless a manoeuvre or a setpoint turns it."""
         self.orbit = Orbit()
+        self.return_m: tuple[float, float] | None = None
+        """Where the manoeuvre returns to, home or a rally point, once it has chosen."""
+        self.geofence = Geofence()
         self._has_flown = False
         self._manoeuvre_since = now
         self._armed_at = now
@@ -462,7 +468,7 @@ class Autopilot(ABC):
         """Start a manoeuvre anew."""
         self.manoeuvre = manoeuvre
         self._manoeuvre_since = now
-        self.hold_at = self.home_at = None
+        self.hold_at = self.home_at = self.return_m = None
         self.setpoint = STOP
         self.heading_rad = NAN
         self.steer(now)

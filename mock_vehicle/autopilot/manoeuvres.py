@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from mock_vehicle.autopilot import rally
 from mock_vehicle.autopilot.traits import Manoeuvre
 from mock_vehicle.dynamics import Control
 
@@ -139,19 +140,20 @@ def follow_setpoint(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
 def go_home(autopilot: Autopilot, now: float) -> None:
     """Brake, climb to the height of the return, fly back above home, wait there, and land."""
     state = autopilot.state
-    home_north_m, home_east_m, home_down_m = autopilot.navigation.home_m
-    distance_m = math.hypot(state.north_m - home_north_m, state.east_m - home_east_m)
+    if autopilot.return_m is None:
+        autopilot.return_m = rally.place_to_return(autopilot)
+    distance_m = math.dist(autopilot.return_m, state[:2])
     if autopilot.hold_at is None:
         autopilot.command(Control.VELOCITY)
         if math.hypot(state.north_m_s, state.east_m_s) < BRAKED_M_S:
+            home_down_m = autopilot.navigation.home_m[2]
             height_m = autopilot.traits.going_home.height(home_down_m - state.down_m, distance_m)
             autopilot.hold_at = (state.north_m, state.east_m, home_down_m - height_m)
         return
     if state.down_m < autopilot.hold_at[2] + CLIMBED_M:
-        autopilot.hold_at = (home_north_m, home_east_m, autopilot.hold_at[2])
+        autopilot.hold_at = (*autopilot.return_m, autopilot.hold_at[2])
     autopilot.command(Control.POSITION, position_m=autopilot.hold_at)
-    is_homing = autopilot.hold_at[:2] == (home_north_m, home_east_m)
-    if is_homing and distance_m < HOME_REACHED_M:
+    if autopilot.hold_at[:2] == autopilot.return_m and distance_m < HOME_REACHED_M:
         if autopilot.home_at is None:
             autopilot.home_at = now
         if now - autopilot.home_at >= autopilot.traits.going_home.wait_s:

@@ -25,6 +25,7 @@ from mock_vehicle.autopilot import (
 from mock_vehicle.autopilot.auto_rules import PX4_AUTO, AutoRules
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
+from mock_vehicle.autopilot.fences import Breach, FenceSettings
 from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, rotated
 from mock_vehicle.autopilot.plans import PX4_RULES, PlanRules
@@ -312,6 +313,7 @@ class Px4(Autopilot):
         """Work out the failsafes, too."""
         super().tune()
         self.settings = Settings.of(self.parameters)
+        self.fence_settings = FenceSettings.of_px4(self.parameters)
 
     def system_status(self, now: float) -> SystemStatus:
         """UNINIT comes back whenever a mode is chosen that cannot arm."""
@@ -340,6 +342,8 @@ class Px4(Autopilot):
             return ["Arming denied: Resolve system health failures first\t"]
         if self.settings.gcs and not self.hears_gcs(now):
             return []
+        if self.geofence.breach is not Breach.NONE:
+            return ["Preflight Fail: Geofence violation\t"]
         can_arm = MODES[self.mode].can_arm
         if self.mode in {OFFBOARD, AUTO_MISSION}:
             can_arm = self._can_enter_armed(self.mode, now)
@@ -415,6 +419,9 @@ class Px4(Autopilot):
 
     def advance(self, now: float) -> None:
         """Watch what may fail."""
+        new = self.geofence.update(self, self.fence_settings, now)
+        if new and self.armed:
+            self.say(Severity.CRITICAL, "Geofence violation\t", now)
         self.failsafe.watch(self, now)
 
     def has_lost_setpoints(self, now: float) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
 from typing import TYPE_CHECKING
 
+from mock_vehicle.autopilot.fences import Breach
 from mock_vehicle.autopilot.parameters import Parameters
 from mock_vehicle.autopilot.traits import Severity
 
@@ -38,6 +39,7 @@ class Cause(Enum):
     GCS = auto()
     CRITICAL_BATTERY = auto()
     EMERGENCY_BATTERY = auto()
+    GEOFENCE = auto()
 
 
 OFFBOARD_ACTIONS: Mapping[float, Action] = {
@@ -65,6 +67,13 @@ BATTERY_ACTIONS: Mapping[float, tuple[Action, Action]] = {
     3: (Action.RETURN, Action.LAND),
 }
 """COM_LOW_BAT_ACT: when the battery is critical, and in an emergency."""
+GEOFENCE_ACTIONS: Mapping[float, Action] = {
+    2: Action.HOLD,
+    3: Action.RETURN,
+    4: Action.TERMINATE,
+    5: Action.LAND,
+}
+"""GF_ACTION; 1 warns."""
 BATTERY_TEXTS = ("", "Low battery level\t", "Critical battery level\t", "Emergency battery level\t")
 
 
@@ -81,6 +90,7 @@ class Settings:
     """Low, critical, emergency."""
     critical_battery: Action
     emergency_battery: Action
+    geofence: Action
 
     @classmethod
     def of(cls, parameters: Parameters) -> Settings:
@@ -100,6 +110,7 @@ class Settings:
             ),
             critical_battery=critical,
             emergency_battery=emergency,
+            geofence=GEOFENCE_ACTIONS.get(finite("GF_ACTION"), Action.NONE),
         )
 
 
@@ -157,6 +168,8 @@ class Failsafe:
         settings = px4.settings
         if settings.gcs and not px4.hears_gcs(now):
             yield Cause.GCS, settings.gcs
+        if settings.geofence and px4.geofence.breach is not Breach.NONE:
+            yield Cause.GEOFENCE, settings.geofence
         left = px4.state.battery_fraction
         if left >= settings.battery_fractions[0]:
             return
