@@ -12,6 +12,7 @@ from mock_vehicle.autopilot import (
     boot,
     clock,
     commands,
+    downloads,
     ftp,
     gnss,
     goto,
@@ -24,6 +25,7 @@ from mock_vehicle.autopilot import (
     rates,
     requests,
     streams,
+    transfers,
     tuning,
     uploads,
 )
@@ -36,7 +38,7 @@ from mock_vehicle.autopilot.fences import Breach, FenceSettings
 from mock_vehicle.autopilot.legs import NAVIGATION
 from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STILL, STOP, Setpoint, Vector, rotated
-from mock_vehicle.autopilot.plans import ARDUPILOT_RULES, Cmd, Item, PlanRules
+from mock_vehicle.autopilot.plans import ARDUPILOT_RULES, Cmd, Item, Kind, PlanRules
 from mock_vehicle.autopilot.traits import (
     Boot,
     LandedState,
@@ -198,6 +200,8 @@ POSITION_BITS, VELOCITY_BITS, ACCELERATION_BITS = 0x007, 0x038, 0x1C0
 FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 0x200, 0x400, 0x800
 FASTEST_SETPOINT = 1000.0
 """A larger number is no velocity."""
+FARTHEST_SETPOINT_M = 1e7
+"""A larger number is no place."""
 CUSTOM_MODE_ENABLED = 1
 
 
@@ -412,8 +416,11 @@ class ArduPilot(Autopilot):
         self.announce_home(now)
 
     def announce_home(self, now: float) -> None:
-        """Tell origin and home at once."""
+        """Tell origin and home at once; home is also the first item of a mission."""
+        if not self.plans.mission:
+            self.plans.replace(Kind.MISSION, [downloads.home_item(self)])
         if self.is_talkative:
+            transfers.tell_total(self, Kind.MISSION)
             gnss.global_origin(self, now)
             gnss.home_position(self, now)
 
@@ -523,12 +530,12 @@ def _read(values: Any, here: Vector, yaw_rad: float) -> Setpoint:
     if frame != FRAME_LOCAL_NED:
         position = (here[0] + position[0], here[1] + position[1], here[2] + position[2])
     used = [
-        *(position if has_position else ()),
         *(velocity if has_velocity else ()),
         *(acceleration if has_acceleration and not has_position else ()),
     ]
     # "pos only (vel and acc ignored)"; pos+acc without vel is refused by the firmware.
-    if pairs_ill or not all(abs(value) < FASTEST_SETPOINT for value in used):
+    is_far = has_position and not all(abs(value) < FARTHEST_SETPOINT_M for value in position)
+    if pairs_ill or is_far or not all(abs(value) < FASTEST_SETPOINT for value in used):
         return STOP
     fallback = STILL if has_position or not has_acceleration else NOWHERE
     return Setpoint(

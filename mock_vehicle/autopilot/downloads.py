@@ -90,7 +90,7 @@ def _send_item(
     rules = autopilot.plans.rules
     item = autopilot.plans.stored[kind][sequence]
     if kind == Kind.MISSION and sequence == 0 and rules.has_home:
-        item = _home(autopilot)
+        item = home_item(autopilot)
     is_current = sequence == autopilot.progress.current and (sequence or not rules.has_home)
     autocontinue = 0 if rules.has_sessions and kind != Kind.MISSION else item.autocontinue
     message, frame = MISSION_ITEM_INT, item.frame
@@ -103,7 +103,8 @@ def _send_item(
     autopilot.send(message, *head, *item.params, *place, item.z, kind)
 
 
-def _home(autopilot: Autopilot) -> Item:
+def home_item(autopilot: Autopilot) -> Item:
+    """Give home as the item that ArduPilot keeps first."""
     home = autopilot.origin.to_global(*autopilot.navigation.home_m)
     place = (round(home.latitude_deg * 1e7), round(home.longitude_deg * 1e7))
     return Item(0, Cmd.NAV_WAYPOINT, NO_PARAMS, *place, home.amsl_m)

@@ -140,6 +140,8 @@ class PlanRules:
     """MISSION_CURRENT.total without a mission."""
     idle_mode: int
     """MISSION_CURRENT.mission_mode outside of missions."""
+    totals: Mapping[int, str]
+    """Parameters that count the items, by kind."""
     reached_s: float
     """MISSION_ITEM_REACHED comes again with every MISSION_CURRENT for so long."""
 
@@ -241,6 +243,7 @@ PX4_RULES = PlanRules(
     checks_numbers=False,
     idle_total=65535,
     idle_mode=2,
+    totals={},
     reached_s=10.0,
 )
 ARDUPILOT_RULES = PlanRules(
@@ -272,5 +275,6 @@ ARDUPILOT_RULES = PlanRules(
     checks_numbers=True,
     idle_total=0,
     idle_mode=0,
+    totals={Kind.MISSION: "MIS_TOTAL", Kind.FENCE: "FENCE_TOTAL", Kind.RALLY: "RALLY_TOTAL"},
     reached_s=0.0,
 )

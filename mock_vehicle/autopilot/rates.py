@@ -107,6 +107,7 @@ _GROUPS: Mapping[int, tuple[int, ...]] = {
         "NAV_CONTROLLER_OUTPUT",
         "MISSION_CURRENT",
         "GPS_RAW_INT",
+        "FENCE_STATUS",
     ),
     3: _ids("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
     6: _ids("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),

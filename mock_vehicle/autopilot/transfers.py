@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from mock_vehicle.autopilot.base import Autopilot
 
 MISSION_ACK = wire.message("MISSION_ACK")
+FENCE_OVERHEAD = 2.0
+"""FENCE_TOTAL was 6 for a polygon of four corners."""
 MISSION_REQUEST = wire.message("MISSION_REQUEST")
 
 
@@ -87,6 +89,18 @@ def ask(autopilot: Autopilot, transfer: Transfer, now: float) -> None:
     rules = autopilot.plans.rules
     request = MISSION_REQUEST if autopilot.plans.speaks_floats else rules.request
     autopilot.send(request, *transfer.partner, transfer.next, transfer.kind)
+
+
+def tell_total(autopilot: Autopilot, kind: int) -> None:
+    """Tell the parameter that counts the items, if it has changed."""
+    name = autopilot.plans.rules.totals.get(kind)
+    total = float(len(autopilot.plans.stored.get(kind, ())))
+    if kind == Kind.FENCE and total:
+        total += FENCE_OVERHEAD
+    if name is not None and autopilot.parameters[name] != total:
+        autopilot.set_parameter(name, total)
+        with autopilot.serving(*autopilot.links):
+            autopilot.parameter_service.tell(autopilot, name)
 
 
 def end(autopilot: Autopilot, result: int | None) -> None:

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mock_client import NAN, both
 from mock_planner import (
     BAD_COMMAND,
@@ -366,3 +369,61 @@ def test_mission_current_tells_what_was_recorded(
     assert current(planner) == chosen
     assert not planner.ask(mavlink.MAVLink_mission_set_current_message(7, 1, 999))
     assert current(planner) == chosen
+
+
+# Whatever comes.
+
+
+FLOATS = st.floats(width=32) | st.sampled_from([0.0, 1.0, -1.0, math.nan, math.inf])
+COMMANDS = st.sampled_from([16, 17, 18, 19, 20, 21, 22, 31, 82, 93, 112, 115, 177, 178, 5001, 5003])
+FRAMES = st.sampled_from([0, 1, 2, 3, 5, 6, 10, 11, 99])
+E7 = st.integers(-(2**31), INT_MAX) | st.sampled_from([0, INT_MAX, *HOME_E7])
+ITEMS = st.builds(
+    waypoint,
+    command=COMMANDS,
+    frame=FRAMES,
+    x=E7,
+    y=E7,
+    z=FLOATS,
+    p=st.tuples(FLOATS, FLOATS, FLOATS, FLOATS),
+    current=st.integers(0, 3),
+)
+
+
+@both
+@settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
+@given(items=st.lists(ITEMS, max_size=6), floats=st.booleans())
+def test_any_plan_is_stored_and_flown_without_harm(
+    personality: Personality, items: list[Item], floats: bool
+) -> None:
+    planner = Planner(personality)
+    client = planner.client
+    client.take_off(5.0)
+    takeoff = waypoint(command=22)
+    for kind in (MISSION, FENCE, RALLY):
+        plan = [waypoint(), takeoff, *(i for i in items if (i["command"] > 5000) == (kind > 0))]
+        planner.count(len(plan), kind)
+        for sequence, item in enumerate(plan):
+            planner.item(sequence, item, kind, floats=floats)
+        planner.done(CANCELLED, kind)
+    client.set_mode(4 << 16 | 4 << 24 if personality == "px4" else 3)
+    for sequence in range(2, 2 + len(items)):
+        planner.ask(mavlink.MAVLink_mission_set_current_message(7, 1, sequence))
+        client.fly(1.0)
+    client.set_mode(4 << 16 | 5 << 24 if personality == "px4" else 6)
+    client.fly(1.0)
+    assert all(map(math.isfinite, client.dynamics.position_ned_m[0]))
+
+
+def test_ardupilot_counts_its_items_in_parameters() -> None:
+    planner = Planner("ardupilot")
+    planner.client.fly(1.5)
+    assert planner.length() == 1, "home"
+    planner.upload([waypoint()] * 3)
+    corner = waypoint(frame=GLOBAL, command=5001, p=(4.0, 0.0, 0.0, 0.0), z=0.0)
+    planner.upload([corner] * 4, FENCE)
+    planner.ask(mavlink.MAVLink_mission_clear_all_message(7, 1, MISSION))
+    told = [m for _, m in planner.client.heard if m.get_type() == "PARAM_VALUE"]
+    totals = [(m.param_id, m.param_value) for m in told]
+    expected = [("MIS_TOTAL", n) for n in (1, 2, 3)]
+    assert totals == [*expected, ("FENCE_TOTAL", 6), ("MIS_TOTAL", 0)]
