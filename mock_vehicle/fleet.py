@@ -214,6 +214,7 @@ class Fleet:
 
     def _sample(self, now: float) -> None:
         """Let all sensors measure and the referee look."""
+        self._troubles.obey(now)
         position = self.dynamics.position_ned_m
         gap = position[None, :, :] - position[:, None, :]
         distances = np.sqrt(np.einsum("ijk,ijk->ij", gap, gap))

@@ -168,6 +168,7 @@ class Troubles:
         self._stage = stage
         self._waiting = sorted(faults, key=lambda fault: fault.time_s)[::-1]
         self._now: list[Trouble] = []
+        self._ordered = [frozenset[str]()] * len(stage.vehicles)
 
     def turn(self, now: float) -> None:
         """Heal what has lasted long enough, and strike where the time has come."""
@@ -176,6 +177,16 @@ class Troubles:
             self._end(over, now)
         while self._waiting and self._waiting[-1].time_s <= now:
             self.strike(self._waiting.pop(), now)
+
+    def obey(self, now: float) -> None:
+        """Break what autopilots' own parameters ask for, and mend it."""
+        for vehicle, before in zip(self._stage.vehicles, self._ordered, strict=True):
+            asked = vehicle.autopilot.ordered_faults
+            for kind in sorted(asked - before):
+                self.strike(Fault(now, vehicle.sysid, kind), now)
+            for kind in sorted(before - asked):
+                self.heal(now, vehicle=vehicle.sysid, kind=kind)
+        self._ordered = [vehicle.autopilot.ordered_faults for vehicle in self._stage.vehicles]
 
     def strike(self, fault: Fault, now: float) -> None:
         """Break something now; FleetKilled when it is the mock itself."""

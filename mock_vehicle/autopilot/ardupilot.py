@@ -24,6 +24,7 @@ from mock_vehicle.autopilot import (
     parameters,
     rates,
     requests,
+    sitl_faults,
     streams,
     transfers,
     tuning,
@@ -326,10 +327,11 @@ class ArduPilot(Autopilot):
         return tuning.ardupilot(TRAITS, self.parameters)
 
     def tune(self) -> None:
-        """Work out the failsafes, too."""
+        """Work out the failsafes and what the simulator breaks, too."""
         super().tune()
         self.settings = Settings.of(self.parameters)
         self.fence_settings = FenceSettings.of_ardupilot(self.parameters)
+        self.ordered_faults = sitl_faults.ordered(self.parameters)
 
     def system_status(self, now: float) -> SystemStatus:
         """STANDBY also while armed on the ground; ACTIVE once the motors are up."""

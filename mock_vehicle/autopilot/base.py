@@ -116,6 +116,9 @@ class Autopilot(ABC):
     stream_groups: ClassVar[Mapping[int, Sequence[int]]] = {}
     """Message ids by the stream of REQUEST_DATA_STREAM."""
 
+    ordered_faults: frozenset[str] = frozenset()
+    """Kinds of faults that its own parameters ask for."""
+
     def __init__(
         self,
         *,

@@ -181,6 +181,32 @@ def test_a_gust_blows_one_vehicle_away_from_where_it_comes(begin: Begin) -> None
     assert np.abs(log.fleet.dynamics.velocity_ned_m_s[0]).max() < 0.2, "it is over"
 
 
+@pytest.mark.parametrize(
+    ("parameters", "kind"),
+    [({"SIM_GPS1_ENABLE": 0}, "fix"), ({"SIM_ENGINE_MUL": 0, "SIM_ENGINE_FAIL": 1}, "motor")],
+)
+def test_the_simulators_own_parameters_break_and_mend_ardupilot(
+    begin: Begin, parameters: dict[str, float], kind: str
+) -> None:
+    log = begin(autopilot="ardupilot", rates="lean")
+
+    def is_broken(index: int) -> bool:
+        fleet = log.fleet
+        whole = (
+            fleet.gnss.reception[index] > 0
+            if kind == "fix"
+            else not fleet.dynamics.motor_lost[index]
+        )
+        return not whole
+
+    before = {name: log.fleet.vehicles[0].autopilot.parameters[name] for name in parameters}
+    for values, is_expected in ((parameters, True), (before, False)):
+        for name, value in values.items():
+            log.send(0, "PARAM_SET", 1, 1, name, float(value), 9)
+        log.fly(0.2)
+        assert (is_broken(0), is_broken(1)) == (is_expected, False)
+
+
 # The battery.
 
 
