@@ -337,7 +337,7 @@ class ArduPilot(Autopilot):
         """STANDBY also while armed on the ground; ACTIVE once the motors are up."""
         if self.uptime_s(now) < self.boot.standby_s:
             return SystemStatus.BOOT
-        if self.failsafe.is_active or (self.ekf_failsafe.is_on and self.armed):
+        if self.failsafe.is_active or self.ekf_failsafe.is_on:
             return SystemStatus.CRITICAL
         on_ground = self.landed_state is LandedState.ON_GROUND
         return SystemStatus.STANDBY if on_ground else SystemStatus.ACTIVE

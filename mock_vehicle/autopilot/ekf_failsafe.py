@@ -21,12 +21,13 @@ class EkfFailsafe:
 
     def __init__(self) -> None:
         self.is_on = False
+        """Whether it has acted; also on the ground, until there is a position again."""
         self._has_stopped = False
 
     def watch(self, autopilot: ArduPilot, now: float) -> None:
         """Land when there has been no position for too long; one that is back clears it."""
         silent_s = autopilot.navigation.silent_s(now)
-        if silent_s >= VARIANCE_S and not self.is_on:
+        if silent_s >= VARIANCE_S and not self.is_on and autopilot.flying:
             self._begin(autopilot, now)
         if silent_s >= autopilot.traits.dead_reckoning_s and not self._has_stopped:
             self._has_stopped = True
@@ -38,8 +39,6 @@ class EkfFailsafe:
     def _begin(self, autopilot: ArduPilot, now: float) -> None:
         """Say so, and land if it flies by position."""
         self.is_on = True
-        if not autopilot.flying:
-            return
         autopilot.say(Severity.CRITICAL, "EKF variance", now)
         by_hand = autopilot.manoeuvre in {Manoeuvre.FALL, Manoeuvre.SINK}
         if by_hand or autopilot.parameters["FS_EKF_ACTION"] == REPORT_ONLY:
