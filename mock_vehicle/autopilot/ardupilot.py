@@ -119,6 +119,8 @@ MODES: Mapping[int, Mode] = {
 }
 UNCHECKED = frozenset({STABILIZE, ACRO, ALT_HOLD})
 """A pilot's modes need no position: without ARMING_CHECK they arm as soon as the software runs."""
+ENTRY_TEXTS: Mapping[int, str] = {23: "Set FOLL_ENABLE = 1"}
+"""Said when the mode is asked for."""
 ALLOW_ARMING = 1
 """The bit of AUTO_OPTIONS."""
 
@@ -136,6 +138,7 @@ TRAITS = Traits(
     motors=Motors(disarmed_us=1000, idle_us=1100, hover_us=1583, hover_thrust=0.35, unused_us=0),
     fix=Fix(6, 121, 200, 10, 300, 300, 0),
     has_receiver=True,
+    gives_origin_with_home=True,
     home_attitude=(NAN, NAN, NAN, NAN),
     guesses_airspeed=True,
     estimator_flags=((41.5, 831), (5.9, 167), (5.5, 0), (-math.inf, 1024)),
@@ -192,7 +195,7 @@ SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x5371FC0F, 0x5341FC0F, 0x47
 SENSOR_GNSS, SENSOR_FENCE, SENSOR_AHRS, SENSOR_LOGGING = 0x20, 0x100000, 0x200000, 0x1000000
 POSITION_CONTROL = 0x6000
 BASE_MODE_STABILIZE, BASE_MODE_GUIDED = 81, 89
-PREARM_EVERY_S = 30.4
+PREARM_EVERY_S = 26.4
 FASTEST_INTERVAL_US = 5000
 FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED = 1, 7
 BODY_FRAMES = frozenset({8, 9})
@@ -302,14 +305,16 @@ class ArduPilot(Autopilot):
     def _restart(self, now: float) -> None:
         self.failsafe, self.ekf_failsafe = Failsafe(), EkfFailsafe()
         self._has_started = False
-        self._checked_at = now
+        self._checked_at = math.inf
+        """When the checks were last told; they are repeated once somebody has asked."""
+        self._flight_log = boot.FlightLog()
         self._texts: list[tuple[Severity, str]] | None = None
         super()._restart(now)
 
     @property
     def banner(self) -> Sequence[str]:
         """Firmware, board and frame; the record's board has an MD5 sum for a name."""
-        return (BANNER, f"M{self.uid & (1 << 124) - 1:031x}", "Frame: QUAD/PLUS")
+        return (BANNER, f"Md{self.uid & (1 << 120) - 1:030x}", "Frame: QUAD/PLUS")
 
     @property
     def base_mode(self) -> int:
@@ -393,8 +398,8 @@ class ArduPilot(Autopilot):
             self.say(severity, text, now)
 
     def say(self, severity: Severity, text: str, now: float) -> None:
-        """Keep a text until the answer to a frame has been given."""
-        if self._texts is None:
+        """Keep a text until the answer to a frame has been given; while it starts, do not."""
+        if self._texts is None or not self._has_started:
             super().say(severity, text, now)
         else:
             self._texts.append((severity, text))
@@ -439,6 +444,8 @@ class ArduPilot(Autopilot):
         if mode is None:
             self.say(Severity.WARNING, f"No such mode {number}", now)
             return Result.FAILED
+        if number in ENTRY_TEXTS:
+            self.say(Severity.WARNING, ENTRY_TEXTS[number], now)
         if not mode.can_enter or (number == AUTO and self.armed and not self._may_begin(now)):
             self.say(Severity.WARNING, f"Mode change to {mode.name} failed: init failed", now)
             return Result.FAILED
@@ -462,6 +469,8 @@ class ArduPilot(Autopilot):
             self._start(now)
         if now - self._checked_at >= PREARM_EVERY_S:
             self.check(now)
+        if self.is_talkative:
+            self._flight_log.run(self, now)
         self.failsafe.watch(self, now)
         self.ekf_failsafe.watch(self, now)
         ardupilot_fence.watch(self, now)

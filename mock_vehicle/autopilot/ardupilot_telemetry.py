@@ -40,8 +40,6 @@ POWER_STATUS = wire.message("POWER_STATUS")
 RC_CHANNELS = wire.message("RC_CHANNELS")
 TERRAIN_REPORT = wire.message("TERRAIN_REPORT")
 
-AVAILABLE_MODES_ID = 435
-"""AVAILABLE_MODES, which the dialect does not know: acknowledged, and never sent."""
 FRAME_LOCAL_NED = 1
 VELOCITY_MASK, POSITION_MASK, BOTH_MASK = 0xC07, 0xDF8, 0xC00
 STICKS_US = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
@@ -167,6 +165,6 @@ STREAMS: Mapping[int, Encoder] = {
     POWER_STATUS.id: power_status,
     RC_CHANNELS.id: rc_channels,
     TERRAIN_REPORT.id: terrain_report,
-    AVAILABLE_MODES_ID: requests.nothing,
+    requests.AVAILABLE_MODES_ID: requests.nothing,
 }
 """Messages with an interval, by id; the same that REQUEST_MESSAGE gives."""

@@ -1,4 +1,4 @@
-"""What ArduPilot says while it boots, and why it does not arm before; in recorded seconds."""
+"""What ArduPilot says of itself while it boots and flies, and why it does not arm before."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ class Announcement(NamedTuple):
     """A STATUSTEXT of the boot."""
 
     at_s: float
+    """Since the recorded boot."""
     text: str
     wants_gnss: bool = False
     """Only said where satellites are received."""
@@ -79,3 +80,31 @@ class BootLog:
             if autopilot.receives_gnss or not announcement.wants_gnss:
                 text = announcement.text.format(amsl_m=autopilot.origin.amsl_m)
                 autopilot.say(Severity.INFO, text, now)
+
+
+ALIGNED_M = 2.3
+"""At this height the compasses are trusted anew, once in a flight."""
+
+
+class FlightLog:
+    """What the estimator and the simulator say of each flight."""
+
+    def __init__(self) -> None:
+        self._is_aligned = False
+        self._was_up = False
+        self._sink_m_s = 0.0
+
+    def run(self, autopilot: Autopilot, now: float) -> None:
+        """Say when the compasses are aligned, and how hard it lands."""
+        state = autopilot.state
+        is_up = state.on_ground == 0.0
+        if self._was_up and not is_up:
+            self._is_aligned = False
+            autopilot.say(Severity.INFO, f"SIM Hit ground at {self._sink_m_s:f} m/s", now)
+        height_m = autopilot.navigation.home_m[2] - state.down_m
+        if is_up and not self._is_aligned and height_m > ALIGNED_M:
+            self._is_aligned = True
+            for imu in (0, 1):
+                text = f"EKF3 IMU{imu} MAG0 in-flight yaw alignment complete"
+                autopilot.say(Severity.INFO, text, now)
+        self._was_up, self._sink_m_s = is_up, state.down_m_s

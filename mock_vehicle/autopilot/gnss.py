@@ -189,6 +189,8 @@ def get_home(autopilot: Autopilot, command: Command, now: float) -> int | None:
         return autopilot.traits.denial
     acknowledge(autopilot, command, Result.ACCEPTED)
     home_position(autopilot, now)
+    if autopilot.traits.gives_origin_with_home:
+        global_origin(autopilot, now)
     return None
 
 

@@ -111,6 +111,8 @@ MODES: Mapping[int, Mode] = {
     AUTO_MISSION: Mode("AUTO.MISSION", 29, Manoeuvre.HOLD, can_enter_flying=False),
     AUTO_RTL: Mode("AUTO.RTL", 29, Manoeuvre.RETURN),
     AUTO_LAND: Mode("AUTO.LAND", 29, Manoeuvre.LAND),
+    custom_mode(MAIN_AUTO, 8): Mode("AUTO.FOLLOW", 17, Manoeuvre.HOLD),
+    custom_mode(MAIN_AUTO, 9): Mode("AUTO.PRECLAND", 29, Manoeuvre.LAND),
     TERMINATION: Mode("TERMINATION", 1, Manoeuvre.FALL, can_enter=False),
 }
 MAIN_MODES = frozenset(number >> 16 & 0xFF for number in MODES)
@@ -148,6 +150,7 @@ TRAITS = Traits(
     motors=Motors(disarmed_us=900, idle_us=1000, hover_us=1507, hover_thrust=0.51, unused_us=900),
     fix=Fix(3, 70, 110, 10, 900, 1780, 400),
     has_receiver=True,
+    gives_origin_with_home=False,
     home_attitude=(1.0, 0.0, 0.0, 0.0),
     guesses_airspeed=False,
     estimator_flags=((3.5, 1023), (2.5, 229), (-math.inf, 164)),
@@ -252,6 +255,7 @@ class Px4(Autopilot):
         **requests.COMMANDS,
         **gnss.COMMANDS,
         **maintenance.PX4_COMMANDS,
+        requests.REQUEST_PROTOCOL_VERSION: maintenance.always(Result.ACCEPTED),
         commands.DO_SET_MODE: set_mode,
         commands.NAV_TAKEOFF: takeoff,
         commands.NAV_LAND: commands.mode_command(AUTO_LAND),

@@ -172,6 +172,7 @@ STREAMS: Mapping[int, Encoder] = {
     gnss.GLOBAL_POSITION_INT.id: gnss.known_global_position,
     gnss.ALTITUDE.id: gnss.altitude,
     clock.PING.id: clock.ask_ping,
+    requests.CURRENT_MODE_ID: requests.nothing,
     ESTIMATOR_STATUS.id: estimator_status,
     progress.MISSION_CURRENT.id: progress.mission_current,
     ODOMETRY.id: odometry,
@@ -185,5 +186,9 @@ REQUESTS: Mapping[int, Encoder] = {
     **STREAMS,
     **requests.MESSAGES,
     FLIGHT_INFORMATION.id: flight_information,
+    requests.PROTOCOL_VERSION_ID: requests.nothing,
+    requests.COMPONENT_INFORMATION_ID: requests.nothing,
+    requests.COMPONENT_METADATA_ID: requests.nothing,
+    requests.AVAILABLE_MODES_ID: requests.nothing,
 }
 """Messages that REQUEST_MESSAGE gives, by id."""

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from mock_vehicle.autopilot.base import Autopilot
 
 AUTOPILOT_VERSION = wire.message("AUTOPILOT_VERSION")
-FLIGHT_INFORMATION = wire.message("FLIGHT_INFORMATION")
 MESSAGE_INTERVAL = wire.message("MESSAGE_INTERVAL")
 REQUEST_DATA_STREAM = wire.message("REQUEST_DATA_STREAM")
 
 GET_MESSAGE_INTERVAL = 510
 SET_MESSAGE_INTERVAL = 511
 REQUEST_MESSAGE = 512
+REQUEST_PROTOCOL_VERSION = 519
 REQUEST_AUTOPILOT_CAPABILITIES = 520
 
 LONGEST_INTERVAL_S = 60.0
@@ -40,6 +40,14 @@ def autopilot_version(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
         autopilot.uid & 0xFFFFFFFFFFFFFFFF,
         (autopilot.uid & (1 << 144) - 1).to_bytes(18, "big"),
     )
+
+
+PROTOCOL_VERSION_ID = 300
+COMPONENT_INFORMATION_ID = 395
+COMPONENT_METADATA_ID = 397
+AVAILABLE_MODES_ID = 435
+CURRENT_MODE_ID = 436
+"""Messages that the dialect does not know: acknowledged as recorded, and never sent."""
 
 
 def nothing(autopilot: Autopilot, now: float) -> None:

@@ -177,6 +177,8 @@ class Traits:
     """What a good fix looks like."""
     has_receiver: bool
     """Whether there is a receiver of satellites at all."""
+    gives_origin_with_home: bool
+    """Whether GET_HOME_POSITION also gives GPS_GLOBAL_ORIGIN."""
     home_attitude: tuple[float, float, float, float]
     """HOME_POSITION.q."""
     guesses_airspeed: bool
