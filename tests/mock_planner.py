@@ -8,6 +8,7 @@ from typing import Any
 from mock_client import Client
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.vehicle import Personality
 
 HOME_E7 = (473977418, 85455939)
@@ -31,8 +32,8 @@ def waypoint(**changes: Any) -> Item:
 class Planner:
     """A ground station that sends and fetches plans by hand."""
 
-    def __init__(self, personality: Personality) -> None:
-        self.client = Client(personality)
+    def __init__(self, personality: Personality, *, rates: Rates = "lean") -> None:
+        self.client = Client(personality, rates=rates)
         self.client.mav.srcSystem, self.client.mav.srcComponent = 255, 190
 
     def ask(self, message: Any) -> list[Any]:

@@ -26,7 +26,6 @@ from mock_vehicle.autopilot import (
     requests,
     sitl_faults,
     streams,
-    transfers,
     tuning,
     uploads,
 )
@@ -427,7 +426,6 @@ class ArduPilot(Autopilot):
         if not self.plans.mission:
             self.plans.replace(Kind.MISSION, [downloads.home_item(self)])
         if self.is_talkative:
-            transfers.tell_total(self, Kind.MISSION)
             gnss.global_origin(self, now)
             gnss.home_position(self, now)
 

@@ -283,6 +283,11 @@ class Autopilot(ABC):
         """What it says of itself before a list of parameters."""
         return ()
 
+    @property
+    def bars_mission(self) -> bool:
+        """Whether the fence forbids the mission as it is."""
+        return False
+
     def take_guided_item(self, item: Item, current: int, now: float) -> int | None:  # noqa: ARG002
         """Fly to a MISSION_ITEM that is none of a plan; a MAV_MISSION_RESULT, None is silence."""
         return None
@@ -553,12 +558,12 @@ class Autopilot(ABC):
             self.landed_state = LandedState.ON_GROUND
             return
         self._idle_since = now
-        if waited >= announced_s:
+        if waited >= announced_s and self.landed_state is LandedState.ON_GROUND:
             self.landed_state = FLIGHT_STATES[self.manoeuvre]
+            self._inform(traits.texts_takeoff, now)
         if waited >= lift_s:
             self.flying = self._has_flown = True
             self._touched_at = None
-            self._inform(traits.texts_takeoff, now)
 
     def _wants_to_climb(self) -> bool:
         is_followed = self.manoeuvre is Manoeuvre.SETPOINT

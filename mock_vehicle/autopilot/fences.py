@@ -182,6 +182,8 @@ class Geofence:
         self._zones = Zones()
         self._key: tuple[object, ...] = ()
         self._was_above_floor = False
+        self._mission_key: tuple[object, ...] = ()
+        self._forbids_mission = False
 
     def update(self, autopilot: Autopilot, settings: FenceSettings, now: float) -> Breach:
         """Look where the vehicle is, and give the limits that it has newly gone beyond."""
@@ -220,6 +222,19 @@ class Geofence:
             self._key = key
             self._zones = zones(autopilot, autopilot.plans.stored[Kind.FENCE])
         return self._zones.allow(*point, any_will_do=settings.any_will_do)
+
+    def forbids_mission(self, autopilot: Autopilot, settings: FenceSettings) -> bool:
+        """Whether a place of the mission is outside the zones."""
+        plans = autopilot.plans
+        key = (*plans.versions.values(), autopilot.origin)
+        if key != self._mission_key:
+            self._mission_key = key
+            placed = plans.rules.placed[Kind.MISSION]
+            points = [_point(autopilot, item) for item in plans.mission if item.command in placed]
+            self._forbids_mission = not all(
+                self.allows(autopilot, settings, point) for point in points
+            )
+        return settings.is_on and self._forbids_mission
 
 
 def fence_status(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001 - an Encoder

@@ -89,7 +89,7 @@ def reposition_ardupilot(autopilot: ArduPilot, command: Command, now: float) -> 
         return Result.DENIED
     if command.frame not in places.DATUMS:
         text = f"Unknown mavlink coordinate frame {command.frame}"
-        autopilot.say(Severity.CRITICAL, text, now)
+        autopilot.say(Severity.INFO, text, now)
         return Result.DENIED
     if not is_on_globe(latitude, longitude) or not abs(altitude) < RESET_HEIGHT_M:
         return Result.DENIED

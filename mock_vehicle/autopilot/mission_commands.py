@@ -23,7 +23,7 @@ MISSION_START = 300
 
 def start_px4(autopilot: Px4, command: Command, now: float) -> int:  # noqa: ARG001
     """Obey MISSION_START: choose the mode, and arm."""
-    if not autopilot.plans.has_mission or not autopilot.is_ready(now):
+    if not autopilot.can_fly_mission or not autopilot.is_ready(now):
         return Result.DENIED
     autopilot.enter(autopilot.mission_mode, now)
     if not autopilot.armed:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from mock_vehicle.autopilot import downloads, progress, uploads
 from mock_vehicle.autopilot.traits import Severity
-from mock_vehicle.autopilot.transfers import ask, end
+from mock_vehicle.autopilot.transfers import ask, end, tell_totals
 from swarm_ctl import wire
 
 if TYPE_CHECKING:
@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 
 
 def watch(autopilot: Autopilot, now: float) -> None:
-    """Ask again for what does not come, and give up in the end."""
+    """Tell what has changed, ask again for what does not come, and give up in the end."""
     transfer, rules = autopilot.plans.transfer, autopilot.plans.rules
+    if autopilot.plans.untold:
+        tell_totals(autopilot)
     if transfer is None:
         return
     with autopilot.serving(transfer.link):

@@ -89,7 +89,7 @@ def set_current(autopilot: Autopilot, sequence: int) -> bool:
 def mission_state(autopilot: Autopilot) -> MissionState:
     """Tell MISSION_CURRENT.mission_state."""
     progress = autopilot.progress
-    if not autopilot.plans.has_mission:
+    if not autopilot.plans.has_mission or autopilot.bars_mission:
         return MissionState.NO_MISSION
     if progress.is_complete:
         return MissionState.COMPLETE

@@ -395,7 +395,7 @@ class Px4(Autopilot):
         if number == OFFBOARD:
             return self._has_setpoints(now)
         if number == AUTO_MISSION:
-            return self.plans.has_mission and self.navigation.has_origin
+            return self.can_fly_mission
         return MODES[number].can_enter_flying
 
     def _has_setpoints(self, now: float) -> bool:
@@ -447,6 +447,17 @@ class Px4(Autopilot):
         if not self.in_failsafe:
             self.setpoint = setpoint
             self.steer(now)
+
+    @property
+    def bars_mission(self) -> bool:
+        """Whether a place of the mission is outside the zones of the fence."""
+        return self.geofence.forbids_mission(self, self.fence_settings)
+
+    @property
+    def can_fly_mission(self) -> bool:
+        """Whether there is a mission, and nothing against it."""
+        has_mission = self.plans.has_mission and self.navigation.has_origin
+        return has_mission and not self.bars_mission
 
     def return_in_mission(self, now: float) -> None:
         """Change to the mode that returns: the item is nothing more."""

@@ -47,6 +47,8 @@ class Plans:
         self.stored: dict[int, list[Item]] = {kind: [] for kind in Kind}
         self.versions: dict[int, int] = dict.fromkeys(Kind, 0)
         """How often each plan has changed."""
+        self.untold: set[int] = set()
+        """Plans whose new length no parameter tells yet."""
         self.transfer: Transfer | None = None
         self.speaks_floats = False
         """The last client that fetched used the outdated messages."""
@@ -69,13 +71,18 @@ class Plans:
         if sequence > len(items):
             return Outcome.ERROR
         items[sequence : sequence + 1] = [item]
-        self.versions[kind] += 1
+        self._note_change(kind)
         return Outcome.ACCEPTED
 
     def replace(self, kind: int, items: list[Item]) -> None:
         """Store a whole plan."""
         self.stored[kind] = items
+        self._note_change(kind)
+
+    def _note_change(self, kind: int) -> None:
         self.versions[kind] += 1
+        if kind in self.rules.totals:
+            self.untold.add(kind)
 
 
 def ack(autopilot: Autopilot, client: tuple[int, int], kind: int, result: int) -> None:
@@ -91,16 +98,18 @@ def ask(autopilot: Autopilot, transfer: Transfer, now: float) -> None:
     autopilot.send(request, *transfer.partner, transfer.next, transfer.kind)
 
 
-def tell_total(autopilot: Autopilot, kind: int) -> None:
-    """Tell the parameter that counts the items, if it has changed."""
-    name = autopilot.plans.rules.totals.get(kind)
-    total = float(len(autopilot.plans.stored.get(kind, ())))
-    if kind == Kind.FENCE and total:
-        total += FENCE_OVERHEAD
-    if name is not None and autopilot.parameters[name] != total:
-        autopilot.set_parameter(name, total)
-        with autopilot.serving(*autopilot.links):
-            autopilot.parameter_service.tell(autopilot, name)
+def tell_totals(autopilot: Autopilot) -> None:
+    """Tell the parameters that count the items, as far as they have changed."""
+    plans = autopilot.plans
+    for kind in plans.untold:
+        name, total = plans.rules.totals[kind], float(len(plans.stored[kind]))
+        if kind == Kind.FENCE and total:
+            total += FENCE_OVERHEAD
+        if autopilot.parameters[name] != total:
+            autopilot.set_parameter(name, total)
+            if autopilot.is_talkative:
+                autopilot.parameter_service.tell(autopilot, name)
+    plans.untold.clear()
 
 
 def end(autopilot: Autopilot, result: int | None) -> None:

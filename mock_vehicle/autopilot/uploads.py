@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from mock_vehicle.autopilot.plans import ALL_KINDS, Item, Kind, Outcome, check, read_item, stored
 from mock_vehicle.autopilot.progress import Progress
 from mock_vehicle.autopilot.traits import Severity
-from mock_vehicle.autopilot.transfers import Transfer, ack, ask, complain, end, is_ours, tell_total
+from mock_vehicle.autopilot.transfers import Transfer, ack, ask, complain, end, is_ours
 from swarm_ctl import wire
 
 if TYPE_CHECKING:
@@ -65,7 +65,6 @@ def _begin_upload(
         _complete(autopilot, plans.transfer, now)
     else:
         ask(autopilot, plans.transfer, now)
-        tell_total(autopilot, kind)
 
 
 def on_write_partial_list(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:
@@ -155,8 +154,6 @@ def _store(
         _complete(autopilot, transfer, now)
     else:
         ask(autopilot, transfer, now)
-        if transfer.kind == Kind.MISSION:
-            tell_total(autopilot, transfer.kind)
 
 
 def _complete(autopilot: Autopilot, transfer: Transfer, now: float) -> None:
@@ -166,7 +163,6 @@ def _complete(autopilot: Autopilot, transfer: Transfer, now: float) -> None:
         if transfer.kind == Kind.MISSION:
             autopilot.progress = Progress(current=transfer.current)
     end(autopilot, Outcome.ACCEPTED)
-    tell_total(autopilot, transfer.kind)
     if transfer.kind in plans.rules.received_texts:
         severity, text = plans.rules.received_texts[transfer.kind]
         autopilot.say(Severity(severity), text, now)
@@ -189,5 +185,3 @@ def on_clear_all(autopilot: Autopilot, frame: wire.Frame, now: float) -> None:  
     if Kind.MISSION in kinds:
         autopilot.progress = Progress()
     ack(autopilot, client, v.mission_type, Outcome.ACCEPTED)
-    for kind in kinds:
-        tell_total(autopilot, kind)

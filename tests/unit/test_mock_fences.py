@@ -12,6 +12,7 @@ from mock_client import (
     AP_GUIDED,
     AP_LAND,
     AP_RTL,
+    DENIED,
     FAILED,
     NAN,
     PX4_LAND,
@@ -227,3 +228,19 @@ def test_it_returns_to_a_rally_point_that_is_nearer_than_home(personality: Perso
     client.set_mode(PX4_RTL if personality == "px4" else AP_RTL)
     client.fly_until(lambda: not client.vehicle.armed, 200.0)
     assert math.dist(local(client)[:2], points[0]) < 1.5
+
+
+def test_px4_does_not_fly_a_mission_that_leaves_its_fence() -> None:
+    planner = Planner("px4")
+    client = planner.client
+    client.fly(1.5)
+    planner.upload([corner(client, 22, 0.0, 0.0, 0.0), corner(client, 16, 20.0, 0.0, 0.0)])
+    items = [corner(client, INCLUSION, n, e, 4.0) for n, e in SQUARE]
+    planner.upload(items, FENCE)
+    client.command(512, 42)
+    assert client.last("MISSION_CURRENT").mission_state == 1
+    assert client.command(300) == [(300, DENIED)]
+    planner.upload([], FENCE)
+    client.command(512, 42)
+    assert client.last("MISSION_CURRENT").mission_state == 2
+    assert client.command(300) == [(300, ACCEPTED)]
