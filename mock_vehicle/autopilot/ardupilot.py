@@ -30,6 +30,7 @@ from mock_vehicle.autopilot import (
     uploads,
 )
 from mock_vehicle.autopilot.ardupilot_failsafe import Failsafe, Settings
+from mock_vehicle.autopilot.ardupilot_statistics import Statistics
 from mock_vehicle.autopilot.auto_rules import ARDUPILOT_AUTO, AutoRules
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
@@ -303,6 +304,7 @@ class ArduPilot(Autopilot):
 
     def _restart(self, now: float) -> None:
         self.failsafe, self.ekf_failsafe = Failsafe(), EkfFailsafe()
+        self._statistics = Statistics(now)
         self._has_started = False
         self._checked_at = math.inf
         """When the checks were last told; they are repeated once somebody has asked."""
@@ -472,6 +474,8 @@ class ArduPilot(Autopilot):
         self.failsafe.watch(self, now)
         self.ekf_failsafe.watch(self, now)
         ardupilot_fence.watch(self, now)
+        if self.is_talkative:
+            self._statistics.watch(self, now)
         self._brake_when_old(now)
 
     def check(self, now: float) -> None:

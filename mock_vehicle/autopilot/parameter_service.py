@@ -39,6 +39,7 @@ class ParameterService:
         """Lists under way: when they began, and how many values have gone."""
         self._repeats: list[tuple[float, str]] = []
         """Changes that all links are still to hear of, and when."""
+        self._boot_news = list(self._dialect.boot_news)[::-1]
 
     def run(self, autopilot: Autopilot, now: float) -> None:
         """Go on with lists, and repeat changes that are due."""
@@ -47,6 +48,16 @@ class ParameterService:
                 self._continue(autopilot, link, now)
         while self._repeats and self._repeats[0][0] <= now:
             self.tell(autopilot, self._repeats.pop(0)[1])
+        if self._boot_news and autopilot.is_talkative:
+            self._tell_boot_news(autopilot, autopilot.recorded_s(now))
+
+    def _tell_boot_news(self, autopilot: Autopilot, recorded_s: float) -> None:
+        while self._boot_news and self._boot_news[-1][0] <= recorded_s:
+            for news in self._boot_news.pop()[1].split():
+                name, _, value = news.partition("=")
+                if value:
+                    self._parameters[name] = float(value)
+                self.tell(autopilot, name)
 
     def _continue(self, autopilot: Autopilot, link: Link, now: float) -> None:
         began, told = self._lists[link]

@@ -38,6 +38,8 @@ class Dialect:
     """Whether a parameter that was asked for by name, or set, comes with its index."""
     repeat_after_s: float | None
     """A change is told on all links so much later; None is at once."""
+    boot_news: Sequence[tuple[float, str]]
+    """(seconds since a boot of the recorded length, NAME or NAME=VALUE told unasked then)."""
 
 
 def encode_bytewise(value: float, kind: int) -> float:
@@ -82,6 +84,13 @@ PX4 = Dialect(
     ignores_case=False,
     tells_index=True,
     repeat_after_s=0.010,
+    boot_news=(
+        (1.22, "CAL_ACC0_ID CAL_ACC1_ID CAL_ACC2_ID CAL_BARO0_ID CAL_BARO0_OFF CAL_BARO0_PRIO"),
+        (1.22, "CAL_GYRO0_ID CAL_GYRO1_ID CAL_GYRO2_ID"),
+        (1.22, "CAL_MAG0_ID CAL_MAG0_PRIO CAL_MAG1_ID CAL_MAG1_PRIO"),
+        (1.22, "SENS_BOARD_X_OFF SENS_DPRES_OFF SYS_AUTOCONFIG SYS_AUTOSTART"),
+        (5.69, "CAL_BARO0_ID CAL_BARO0_OFF CAL_BARO0_PRIO"),
+    ),
 )
 ARDUPILOT = Dialect(
     name="ardupilot",
@@ -94,6 +103,15 @@ ARDUPILOT = Dialect(
     ignores_case=True,
     tells_index=False,
     repeat_after_s=None,
+    boot_news=(
+        (1.93, "BARO1_GND_PRESS BARO2_GND_PRESS INS_GYR_ID INS_ACC_ID INS_GYR2_ID INS_ACC2_ID"),
+        (2.46, "INS_GYROFFS_X INS_GYROFFS_Y INS_GYROFFS_Z INS_GYR_ID INS_GYR1_CALTEMP"),
+        (2.46, "INS_GYR2OFFS_X INS_GYR2OFFS_Y INS_GYR2OFFS_Z INS_GYR2_ID INS_GYR2_CALTEMP"),
+        (2.46, "INS_GYR3OFFS_X INS_GYR3OFFS_Y INS_GYR3OFFS_Z INS_GYR3_ID"),
+        (3.45, "EK3_SRC1_POSXY"),
+        (20.02, "MIS_TOTAL=1"),
+        (20.05, "BARO1_GND_PRESS=101325 BARO2_GND_PRESS=101323.625"),
+    ),
 )
 
 

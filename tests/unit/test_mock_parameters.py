@@ -310,6 +310,41 @@ def test_a_sysid_that_is_none_is_stored_and_never_flown(personality: Personality
     assert station.vehicle.autopilot.sysid == 7
 
 
+# Unasked.
+
+
+@both
+def test_a_boot_tells_what_it_found_out_and_only_where_all_is_told(
+    personality: Personality,
+) -> None:
+    station = Station(personality, rates="full", boot_s=None)
+    station.fly(25.0)
+    name = "INS_GYR_ID" if personality == "ardupilot" else "CAL_BARO0_ID"
+    told = [at for at, m in station.heard if m.get_type() == "PARAM_VALUE" and m.param_id == name]
+    recorded = [1.93, 2.46] if personality == "ardupilot" else [1.22, 5.69]
+    assert told == pytest.approx(recorded, abs=0.11)
+    lean = Station(personality)
+    lean.fly(25.0)
+    assert lean.times("PARAM_VALUE") == []
+
+
+def test_ardupilot_counts_the_seconds_of_its_life_and_of_each_flight() -> None:
+    station = Station("ardupilot", rates="full")
+    station.fly(29.0)
+    station.take_off()
+    took_off_at = station.now
+    station.command(21)
+    station.fly_until(lambda: not station.vehicle.armed)
+    station.fly(0.5)
+    told = [m for _, m in station.heard if m.get_type() == "PARAM_VALUE"]
+    lives = [m.param_value for m in told if m.param_id == "STAT_RUNTIME"]
+    assert lives[0] == 30
+    assert lives[-1] == pytest.approx(station.now, abs=2.0)
+    in_air_s = next(m.param_value for m in reversed(told) if m.param_id == "STAT_FLTTIME")
+    assert station.now - took_off_at < in_air_s < station.now - 30.0
+    assert told[-1].param_id == "MOT_THST_HOVER"
+
+
 # From the start.
 
 
