@@ -105,6 +105,11 @@ class FenceSettings:
     any_will_do: bool
     """One of several inclusions is enough."""
 
+    @property
+    def is_bounded(self) -> bool:
+        """Whether it limits anything but zones."""
+        return (self.radius_m, self.top_m, self.floor_m) != (math.inf, math.inf, -math.inf)
+
     @classmethod
     def of_px4(cls, parameters: Parameters) -> FenceSettings:
         """Read GF_*."""
@@ -188,6 +193,8 @@ class Geofence:
     def update(self, autopilot: Autopilot, settings: FenceSettings, now: float) -> Breach:
         """Look where the vehicle is, and give the limits that it has newly gone beyond."""
         before, self.breach = self.breach, self.at(autopilot, settings)
+        if self.breach is before:
+            return Breach.NONE
         new = self.breach & ~before
         if new:
             self.count += 1
@@ -196,7 +203,8 @@ class Geofence:
 
     def at(self, autopilot: Autopilot, settings: FenceSettings) -> Breach:
         """Tell which limits the vehicle is beyond."""
-        if not settings.is_on or not autopilot.navigation.has_origin:
+        is_bounded = settings.is_bounded or autopilot.plans.stored[Kind.FENCE]
+        if not (settings.is_on and is_bounded and autopilot.navigation.has_origin):
             return Breach.NONE
         north, east, down = autopilot.state[:3]
         home_n, home_e, home_d = autopilot.navigation.home_m

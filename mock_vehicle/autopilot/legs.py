@@ -77,11 +77,10 @@ class Navigation:
 
 
 def _begin_takeoff(autopilot: Autopilot, leg: Leg, now: float) -> None:
-    height_m = -places.of_item(autopilot, leg.item)[2]
+    height_m = autopilot.takeoff_height_m
     if math.isfinite(leg.item.z):
-        take_off_to(autopilot, height_m, now)
-    else:
-        take_off_to(autopilot, autopilot.takeoff_height_m, now)
+        height_m = -places.of_item(autopilot, leg.item)[2]
+    take_off_to(autopilot, height_m, now)
 
 
 def _fly_takeoff(autopilot: Autopilot, leg: Leg, now: float) -> bool:  # noqa: ARG001
