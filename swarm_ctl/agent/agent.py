@@ -13,7 +13,7 @@ from swarm_ctl import wire
 from swarm_ctl.agent import beacon as beacons
 from swarm_ctl.agent.duties import DUTIES, HAS_LANDED, IS_HOME
 from swarm_ctl.agent.geofence import Guard, Motion
-from swarm_ctl.agent.homing import Route, Trail
+from swarm_ctl.agent.homing import Homeward, Trail
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peers import Neighbour, PeerTable
 from swarm_ctl.agent.phases import ENDED, STEERING, Cause, Phase, advance
@@ -86,8 +86,7 @@ class Agent:
         self.sender = Sender(sysid)
         self.commands = CommandQueue()
         self.trail = Trail()
-        self.route: Route | None = None
-        self.route_until_s = 0.0
+        self.homeward = Homeward()
         self.victims: dict[int, Vec3] = {}
         self.explored_from_s: float | None = None
         self.explored_to_s: float | None = None
@@ -226,7 +225,7 @@ class Agent:
             self.explored_to_s = self.now
         self.entered_s = self._next_ask_s = self.now
         self.hold_ned_m = self.telemetry.position_ned_m
-        self.route = None
+        self.homeward.restart()
         if self.phase is Phase.EXPLORING:
             self._begin_exploring()
         self.note("PhaseChanged", before=before.value, after=self.phase.value, reason=reason)
@@ -260,10 +259,10 @@ class Agent:
             case Phase.AVOIDING, False:
                 self.enter(Cause.CLEAR, "")
 
-    def way_home(self) -> list[Vec3]:
+    def way_home(self, own: bool) -> list[Vec3]:
         """Give places to fly by, the start last: over known ground, else over its own trail."""
         flown = self.trail.way_home()
-        if self._sharing is None or not flown:
+        if self._sharing is None or own or not flown:
             return flown
         place, d = self.telemetry.position_ned_m, self.orders.planner.dimensions
         known = self._sharing.explorer.way_to(place[:d], flown[-1][:d])

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from swarm_ctl import wire
-from swarm_ctl.agent.homing import Route
 from swarm_ctl.agent.phases import Cause, Phase
 from swarm_ctl.agent.watch import MODE_LAG_S, missing
 from swarm_ctl.autopilot import command as commands
@@ -26,8 +25,6 @@ TAKEOFF_AGAIN_S = 8.0
 LANDING_S = 90.0
 STREAM_BEFORE_SWITCH_S = 1.0
 """PX4 wants setpoints before it takes the offboard mode (PX4 guide, offboard mode)."""
-ROUTE_S = 8.0
-"""How long a way home is followed before it is looked for again."""
 SETTLED_M_S = 0.2
 """A landing begun any faster ends beside the place it was meant for."""
 CLIMBED_FRACTION = 0.9
@@ -124,10 +121,9 @@ def come_home(agent: Agent) -> Vec3 | None:
     flight, place = agent.orders.flight, agent.telemetry.position_ned_m
     if agent.in_phase_s > flight.return_timeout_s and _is_free_below(agent):
         return _settle(agent, Cause.LAND, f"not home after {flight.return_timeout_s:.0f} s")
-    if agent.route is None or agent.now >= agent.route_until_s:
-        agent.route, agent.route_until_s = Route(agent.way_home()), agent.now + ROUTE_S
-    velocity = agent.route.velocity(place, flight.speed_m_s)
-    if agent.route.is_done():
+    route = agent.homeward.route(place, agent.now, agent.way_home)
+    velocity = route.velocity(place, flight.speed_m_s)
+    if route.is_done():
         return _settle(agent, Cause.HOME, IS_HOME)
     if math.hypot(velocity.x, velocity.y) > 0.1:
         agent.yaw_rad = math.atan2(velocity.y, velocity.x)

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 
-from swarm_ctl.model import Vec3
+from swarm_ctl.model import ZERO, Vec3
 
 CELL_M = 0.5
 APPROACH = 0.6
 """Speed per distance to the last place, 1/s: vehicles that follow late do not overshoot."""
+ROUTE_S = 8.0
+"""How long a way home is followed before it is looked for again."""
+STUCK_M = 0.3
+"""Who came no farther on a way home waits for a peer, or cuts a corner that the guard forbids."""
+STUCK_TIMES = 2
 Cell = tuple[int, int, int]
 
 
@@ -84,6 +90,33 @@ class Route:
         """Reached level, and nearly so in height: two-dimensional missions keep their own."""
         level_m = math.hypot(place.x - position.x, place.y - position.y)
         return level_m < self._reach_m and abs(place.z - position.z) < 2.0 * self._reach_m
+
+
+class Homeward:
+    """The way home as it is flown: looked for again and again, over own ground once stuck."""
+
+    def __init__(self) -> None:
+        self._route: Route | None = None
+        self._until_s = 0.0
+        self._from_ned_m = ZERO
+        self._times_stuck = 0
+
+    def restart(self) -> None:
+        """Look for a way as soon as one is asked for."""
+        self._route = None
+
+    def route(self, place: Vec3, now: float, way: Callable[[bool], list[Vec3]]) -> Route:
+        """Give the route to follow from here.
+
+        `way(own)` finds one, over ground flown by this vehicle alone when `own` is true: it is,
+        for good, once routes have led nowhere for longer than a peer takes to pass.
+        """
+        if self._route is None or now >= self._until_s:
+            is_stuck = self._route is not None and math.dist(place, self._from_ned_m) < STUCK_M
+            self._times_stuck += is_stuck
+            self._route = Route(way(self._times_stuck >= STUCK_TIMES))
+            self._until_s, self._from_ned_m = now + ROUTE_S, place
+        return self._route
 
 
 def _cell(position: Vec3) -> Cell:

@@ -3,7 +3,7 @@ import math
 
 import pytest
 
-from swarm_ctl.agent.homing import Route, Trail
+from swarm_ctl.agent.homing import ROUTE_S, Homeward, Route, Trail
 from swarm_ctl.model import Vec3
 
 
@@ -54,3 +54,19 @@ def test_a_route_is_flown_place_by_place_and_ends() -> None:
             break
     assert route.is_done()
     assert math.dist(place, (1, 2, -1)) < 0.4
+
+
+@pytest.mark.parametrize(("moved_m", "own"), [(0.1, [0, 0, 1, 1]), (1.0, [0, 0, 0, 0])])
+def test_a_way_home_that_leads_nowhere_is_left_for_the_own_trail(
+    moved_m: float, own: list[bool]
+) -> None:
+    asked: list[bool] = []
+
+    def way(own: bool) -> list[Vec3]:
+        asked.append(own)
+        return [Vec3(9, 0, -1)]
+
+    homeward = Homeward()
+    for turns in (0.0, 0.5, 1.0, 2.0, 3.5):
+        homeward.route(Vec3(turns * moved_m, 0, -1), turns * ROUTE_S, way)
+    assert asked == list(map(bool, own))
