@@ -26,6 +26,7 @@ from mock_vehicle.autopilot import (
     requests,
     sitl_faults,
     streams,
+    transfers,
     tuning,
     uploads,
 )
@@ -134,6 +135,7 @@ TRAITS = Traits(
     modes=MODES,
     first_mode=STABILIZE,
     load=0,
+    full_battery_v=12.6,
     battery_kind=(0, 0),
     motors=Motors(disarmed_us=1000, idle_us=1100, hover_us=1583, hover_thrust=0.35, unused_us=0),
     fix=Fix(6, 121, 200, 10, 300, 300, 0),
@@ -319,10 +321,12 @@ class ArduPilot(Autopilot):
 
     @property
     def base_mode(self) -> int:
-        """As the mode table says, but for the first seconds and a LAND without a position."""
+        """As the mode table says, but for the start, a blind LAND and a mission over."""
         if not self._has_started:
             return BASE_MODE_GUIDED
-        return BASE_MODE_STABILIZE if self._lands_blindly else MODES[self.mode].base_mode
+        has_flown_mission = self.mode == AUTO and not self.armed and self.progress.is_complete
+        is_blind = self._lands_blindly or has_flown_mission
+        return BASE_MODE_STABILIZE if is_blind else MODES[self.mode].base_mode
 
     @property
     def _lands_blindly(self) -> bool:
@@ -397,6 +401,8 @@ class ArduPilot(Autopilot):
         texts, self._texts = self._texts, None
         for severity, text in texts:
             self.say(severity, text, now)
+        if self.plans.untold:
+            transfers.tell_totals(self)
 
     def say(self, severity: Severity, text: str, now: float) -> None:
         """Keep a text until the answer to a frame has been given; while it starts, do not."""

@@ -113,14 +113,14 @@ class Failsafe:
         settings, state = vehicle.settings, vehicle.state
         left_mah = state.battery_fraction * settings.capacity_mah
         for number, level in enumerate(settings.battery):
-            is_low = state.battery_voltage_v < level.voltage_v
+            is_low = vehicle.battery_v < level.voltage_v
             if not is_low:
                 self._fine_at[number] = now
             is_low = is_low and now - self._fine_at[number] >= settings.battery_delay_s
             if (is_low or left_mah < level.charge_mah) and number >= self._battery_level:
                 self._battery_level = number + 1
                 used_mah = settings.capacity_mah - left_mah
-                spent = f"{state.battery_voltage_v:.2f}V used {used_mah:.0f} mAh"
+                spent = f"{vehicle.battery_v:.2f}V used {used_mah:.0f} mAh"
                 vehicle.say(Severity.WARNING, f"Battery 1 is {level.name} {spent}", now)
                 self._has_acted = True
                 self._act(vehicle, "Battery", level.mode, now)

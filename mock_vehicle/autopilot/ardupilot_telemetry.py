@@ -39,6 +39,7 @@ POSITION_TARGET_LOCAL_NED = wire.message("POSITION_TARGET_LOCAL_NED")
 POWER_STATUS = wire.message("POWER_STATUS")
 RC_CHANNELS = wire.message("RC_CHANNELS")
 TERRAIN_REPORT = wire.message("TERRAIN_REPORT")
+WIND = wire.message("WIND")
 
 FRAME_LOCAL_NED = 1
 VELOCITY_MASK, POSITION_MASK, BOTH_MASK = 0xC07, 0xDF8, 0xC00
@@ -127,7 +128,7 @@ def esc_telemetry(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
     """Send ESC_TELEMETRY_1_TO_4."""
     s = autopilot.state
     share = streams.thrust(autopilot) / autopilot.traits.motors.hover_thrust
-    volts = streams.clamped(s.battery_voltage_v * 100.0, 0, 0xFFFF)
+    volts = streams.clamped(autopilot.battery_v * 100.0, 0, 0xFFFF)
     amperes = streams.clamped(s.battery_current_a * 25.0, 0, 0xFFFF)
     rpm = streams.clamped(HOVER_RPM * math.sqrt(share), 0, 0xFFFF)
     autopilot.send(
@@ -140,6 +141,12 @@ def terrain_report(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
     place = place_of(autopilot)
     latitude, longitude = e7(place.latitude_deg), e7(place.longitude_deg)
     autopilot.send(TERRAIN_REPORT, latitude, longitude, 0, 0.0, 0.0, 0, 0)
+
+
+def wind(autopilot: Autopilot, now: float) -> None:
+    """Send WIND once there is a position; the mock does not estimate it."""
+    if autopilot.has_position(now):
+        autopilot.send(WIND, 0.0, 0.0, 0.0)
 
 
 STREAMS: Mapping[int, Encoder] = {
@@ -165,6 +172,7 @@ STREAMS: Mapping[int, Encoder] = {
     POWER_STATUS.id: power_status,
     RC_CHANNELS.id: rc_channels,
     TERRAIN_REPORT.id: terrain_report,
+    WIND.id: wind,
     requests.AVAILABLE_MODES_ID: requests.nothing,
 }
 """Messages with an interval, by id; the same that REQUEST_MESSAGE gives."""

@@ -46,6 +46,7 @@ from mock_vehicle.autopilot.transfers import Plans
 from mock_vehicle.dynamics import Control, Dynamics
 from mock_vehicle.faults import Trouble
 from mock_vehicle.geodesy import Origin
+from mock_vehicle.sensors.battery import FULL_V
 from mock_vehicle.sensors.gnss import Reception
 from swarm_ctl import wire
 from swarm_ctl.signing import Gatekeeper
@@ -116,6 +117,8 @@ class Autopilot(ABC):
     stream_groups: ClassVar[Mapping[int, Sequence[int]]] = {}
     """Message ids by the stream of REQUEST_DATA_STREAM."""
 
+    acks_left: float = math.inf
+    """How many commands it still acknowledges in its present loop."""
     ordered_faults: frozenset[str] = frozenset()
     """Kinds of faults that its own parameters ask for."""
 
@@ -342,6 +345,16 @@ class Autopilot(ABC):
     def origin(self) -> Origin:
         """Where it believes its local frame to lie on the globe."""
         return self.navigation.origin
+
+    @property
+    def battery_v(self) -> float:
+        """What its battery reads."""
+        return self.state.battery_voltage_v * self.battery_scale
+
+    @property
+    def battery_scale(self) -> float:
+        """Its battery's voltage over that of the four cells that all vehicles are computed with."""
+        return self.traits.full_battery_v / FULL_V
 
     @property
     def true_position_m(self) -> Vector:

@@ -76,6 +76,9 @@ def whole(value: float) -> int | None:
 
 def acknowledge(autopilot: Autopilot, command: Command, result: int) -> None:
     """Send COMMAND_ACK to the sender, over every link: who asked may hear on another."""
+    if not autopilot.acks_left:
+        return
+    autopilot.acks_left -= 1
     with autopilot.serving(*autopilot.links):
         autopilot.send(COMMAND_ACK, command.number, result, 0, 0, command.sysid, command.compid)
 

@@ -146,6 +146,7 @@ TRAITS = Traits(
     modes=MODES,
     first_mode=AUTO_LOITER,
     load=117,
+    full_battery_v=16.2,
     battery_kind=(1, 1),
     motors=Motors(disarmed_us=900, idle_us=1000, hover_us=1507, hover_thrust=0.51, unused_us=900),
     fix=Fix(3, 70, 110, 10, 900, 1780, 400),
@@ -211,6 +212,8 @@ SENSORS_S = 2.5
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x300400F, 0x301400F, 0x320C83F
 SENSOR_GNSS = 0x20
 GCS_TIMEOUT_S = 3.0
+LOOP_S, ACKS_PER_LOOP = 0.01, 4
+"""The commander's loop, and how many acknowledgements fit into its queue."""
 FRAME_LOCAL_NED, FRAME_BODY_NED = 1, 8
 FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 0x200, 0x400, 0x800
 
@@ -284,7 +287,14 @@ class Px4(Autopilot):
 
     def _restart(self, now: float) -> None:
         self.failsafe = Failsafe()
+        self._loop_at = -math.inf
         super()._restart(now)
+
+    def receive(self, frame: wire.Frame, link: Link, now: float) -> None:
+        """Acknowledge no more commands of one burst than the real one can keep in its queue."""
+        if self.is_talkative and now - self._loop_at >= LOOP_S:
+            self._loop_at, self.acks_left = now, ACKS_PER_LOOP
+        super().receive(frame, link, now)
 
     @property
     def in_failsafe(self) -> bool:

@@ -120,6 +120,7 @@ _GROUPS: Mapping[int, tuple[int, ...]] = {
         "SYSTEM_TIME",
         "TERRAIN_REPORT",
         "EKF_STATUS_REPORT",
+        "WIND",
         "DISTANCE_SENSOR",  # which the recorded vehicle did not have
     ),
 }

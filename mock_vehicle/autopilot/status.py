@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -38,9 +39,9 @@ def sys_status(autopilot: Autopilot, now: float) -> None:
         enabled,
         health | (PREARM_CHECK if ready else 0),
         autopilot.traits.load,
-        clamped(s.battery_voltage_v * 1e3, 0, 0xFFFF),
+        clamped(autopilot.battery_v * 1e3, 0, 0xFFFF),
         clamped(s.battery_current_a * 100.0, -1, 0x7FFF),
-        clamped(s.battery_fraction * 100.0, 0, 100),
+        clamped(math.ceil(s.battery_fraction * 100.0), 0, 100),
         *(0,) * 6,
     )
 
@@ -53,11 +54,11 @@ def battery_status(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001 - 
         0,
         *autopilot.traits.battery_kind,
         UNKNOWN_TEMPERATURE,
-        (clamped(s.battery_voltage_v * 1e3, 0, 0xFFFF), *UNUSED_CELLS),
+        (clamped(autopilot.battery_v * 1e3, 0, 0xFFFF), *UNUSED_CELLS),
         clamped(s.battery_current_a * 100.0, -1, 0x7FFF),
         -1,
         -1,
-        clamped(s.battery_fraction * 100.0, 0, 100),
+        clamped(math.ceil(s.battery_fraction * 100.0), 0, 100),
         0,
         1,
     )

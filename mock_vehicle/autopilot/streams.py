@@ -30,7 +30,7 @@ NO_ROTATION = (0.0, 0.0, 0.0, 0.0)
 
 def clamped(value: float, low: int, high: int) -> int:
     """Round into the range of an integer field."""
-    return int(min(max(value, low), high)) if math.isfinite(value) else low
+    return round(min(max(value, low), high)) if math.isfinite(value) else low
 
 
 def heartbeat(autopilot: Autopilot, now: float) -> None:

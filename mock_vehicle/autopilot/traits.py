@@ -170,6 +170,8 @@ class Traits:
     first_mode: int
     load: int
     """SYS_STATUS.load, in thousandths."""
+    full_battery_v: float
+    """What a full battery reads."""
     battery_kind: tuple[int, int]
     """MAV_BATTERY_FUNCTION and MAV_BATTERY_TYPE."""
     motors: Motors

@@ -99,9 +99,12 @@ def ask(autopilot: Autopilot, transfer: Transfer, now: float) -> None:
 
 
 def tell_totals(autopilot: Autopilot) -> None:
-    """Tell the parameters that count the items, as far as they have changed."""
+    """Tell the parameters that count the items; fences and rally points when they are complete."""
     plans = autopilot.plans
-    for kind in plans.untold:
+    for kind in sorted(plans.untold):
+        if kind != Kind.MISSION and plans.transfer is not None:
+            continue
+        plans.untold.discard(kind)
         name, total = plans.rules.totals[kind], float(len(plans.stored[kind]))
         if kind == Kind.FENCE and total:
             total += FENCE_OVERHEAD
@@ -109,7 +112,6 @@ def tell_totals(autopilot: Autopilot) -> None:
             autopilot.set_parameter(name, total)
             if autopilot.is_talkative:
                 autopilot.parameter_service.tell(autopilot, name)
-    plans.untold.clear()
 
 
 def end(autopilot: Autopilot, result: int | None) -> None:

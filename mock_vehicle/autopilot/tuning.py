@@ -71,6 +71,7 @@ def ardupilot(traits: Traits, parameters: Parameters) -> Traits:
         traits,
         limits=_ardupilot_limits(traits.limits, parameters),
         has_receiver=finite("SIM_GPS1_ENABLE") != 0.0,
+        full_battery_v=finite("SIM_BATT_VOLTAGE", 0.0, 65.0),
         setpoint_timeout_s=traits.setpoint_timeout_s * share("GUID_TIMEOUT"),
         idle_disarm_s=_unless_never(traits.idle_disarm_s, share("DISARM_DELAY")),
         takeoff_speed_m_s=traits.takeoff_speed_m_s * share("WPNAV_SPEED_UP"),

@@ -27,6 +27,7 @@ IDLE_W = 12.0
 CELL_CHARGE = (0.0, 0.05, 0.1, 0.2, 0.5, 0.8, 1.0)
 CELL_VOLTAGE_V = (3.0, 3.45, 3.6, 3.7, 3.82, 4.02, 4.2)
 """Open-circuit voltage of a lithium-polymer cell over its charge."""
+FULL_V = CELLS * CELL_VOLTAGE_V[-1]
 
 
 def hover_power_w() -> float:
@@ -45,7 +46,7 @@ class Batteries:
     def __init__(self, n: int) -> None:
         self.fraction = np.ones(n)
         """Charge left, 0..1."""
-        self.voltage_v = np.full(n, CELLS * CELL_VOLTAGE_V[-1])
+        self.voltage_v = np.full(n, FULL_V)
         self.current_a = np.zeros(n)
         self.extra_w = np.zeros(n)
         """Drawn by something that should not."""

@@ -75,5 +75,5 @@ def look(fleet: Fleet, index: int, now: float) -> Truth:
         landed=bool(body.on_ground[index]),
         alive=vehicle.alive,
         battery_fraction=float(fleet.batteries.fraction[index]),
-        battery_voltage_v=float(fleet.batteries.voltage_v[index]),
+        battery_voltage_v=float(fleet.batteries.voltage_v[index]) * vehicle.autopilot.battery_scale,
     )

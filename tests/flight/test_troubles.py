@@ -419,7 +419,7 @@ def test_a_command_is_refused_as_often_as_told(begin: Begin) -> None:
     for _ in range(3):
         log.command(0, ARM, 1)
         log.command(0, REQUEST_MESSAGE, 148)
-    log.fly(0.1)
+        log.fly(0.1)
     arm = [f.values.result for f in log.frames("COMMAND_ACK") if f.values.command == ARM]
     assert arm == [2, 2, 0]
     assert log.results.count(0) == 4, "other commands are none of its business"

@@ -32,6 +32,7 @@ from mock_client import (
 )
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.sensors.readings import PeerFix
 from mock_vehicle.vehicle import Personality
 
@@ -248,6 +249,25 @@ def test_only_px4_answers_a_ping() -> None:
         assert [(m.seq, m.target_system, m.target_component) for m in answers] == [
             (3, 7, 191)
         ] * len(answers)
+
+
+@pytest.mark.parametrize(
+    ("personality", "rates", "answers"),
+    [("px4", "full", 4), ("px4", "lean", 5), ("ardupilot", "full", 5)],
+)
+def test_a_real_px4_acknowledges_four_commands_of_a_burst(
+    personality: Personality, rates: Rates, answers: int
+) -> None:
+    client = Client(personality, rates=rates)
+    client.fly(1.5)
+    request = mavlink.MAVLink_command_long_message(7, 1, 512, 0, 148, *(0,) * 6)
+    for _ in range(4):
+        client.send(request)
+    client.command(512, 148)
+    assert len(client.times("COMMAND_ACK")) == answers
+    assert len(client.times("AUTOPILOT_VERSION")) == 5, "all are executed"
+    client.command(512, 148)
+    assert len(client.times("COMMAND_ACK")) == answers + 1
 
 
 @both

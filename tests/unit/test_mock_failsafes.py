@@ -299,11 +299,14 @@ def test_ardupilot_disarms_on_the_ground_when_its_ground_station_is_lost() -> No
 
 # ArduPilot with an empty battery.
 
+CELLS = 4 / 3
+"""The mock's battery has four, and ArduPilot's simulator speaks of three."""
+
 
 @pytest.mark.parametrize(("action", "mode"), [(0, None), (1, AP_LAND), (2, AP_RTL)])
 def test_a_low_voltage_of_ten_seconds_is_a_battery_failsafe(action: int, mode: int | None) -> None:
     ap = flight("ardupilot", BATT_LOW_VOLT=11.5, BATT_FS_LOW_ACT=action)
-    ap.readings.battery_voltage_v[:] = 11.0
+    ap.readings.battery_voltage_v[:] = 11.0 * CELLS
     ap.readings.battery_fraction[:] = 1.0 - 180 / 3300
     changes = ap.modes(11.0, vx=0.0)
     assert changes == ([(pytest.approx(10.1, abs=0.15), mode)] if mode else [])
@@ -312,12 +315,18 @@ def test_a_low_voltage_of_ten_seconds_is_a_battery_failsafe(action: int, mode: i
     assert ap.status == CRITICAL
 
 
+def test_the_simulator_is_told_of_a_low_battery_by_a_parameter() -> None:
+    ap = flight("ardupilot", BATT_LOW_VOLT=11.5, BATT_FS_LOW_ACT=1)
+    ap.vehicle.autopilot.set_parameter("SIM_BATT_VOLTAGE", 11.0)
+    assert [mode for _, mode in ap.modes(11.0, vx=0.0)] == [AP_LAND]
+
+
 def test_a_dip_of_the_voltage_is_not_a_low_battery() -> None:
     ap = flight("ardupilot", BATT_LOW_VOLT=11.5, BATT_FS_LOW_ACT=1)
     for _ in range(4):
-        ap.readings.battery_voltage_v[:] = 11.0
+        ap.readings.battery_voltage_v[:] = 11.0 * CELLS
         assert ap.modes(9.0, vx=0.0) == []
-        ap.readings.battery_voltage_v[:] = 12.0
+        ap.readings.battery_voltage_v[:] = 12.0 * CELLS
         ap.fly(0.5, vx=0.0)
 
 
@@ -348,6 +357,6 @@ def test_ardupilot_arms_a_pilots_mode_before_it_is_ready_without_arming_checks()
 def test_the_default_failsafes_of_ardupilot_do_nothing() -> None:
     ap = flight("ardupilot", station=255)
     ap.station_sysid = None
-    ap.readings.battery_voltage_v[:] = 10.6
+    ap.readings.battery_voltage_v[:] = 10.6 * CELLS
     ap.readings.battery_fraction[:] = 0.01
     assert ap.modes(20.0, vx=0.0) == []
