@@ -39,8 +39,7 @@ class Statistics:
         return self._flown_s + now - began
 
     def _store(self, vehicle: ArduPilot, now: float) -> None:
-        if now >= self._due_at:
-            self._due_at += EVERY_S
+        self._due_at = now + EVERY_S
         counted = {"STAT_FLTTIME": self._in_air_s(now), "STAT_RUNTIME": now - self._booted_at}
         for name, seconds in counted.items():
             if int(seconds) != vehicle.parameters[name]:

@@ -98,8 +98,8 @@ class FlightLog:
         """Say when the compasses are aligned, and how hard it lands."""
         state = autopilot.state
         is_up = state.on_ground == 0.0
+        self._is_aligned = self._is_aligned and autopilot.armed
         if self._was_up and not is_up:
-            self._is_aligned = False
             autopilot.say(Severity.INFO, f"SIM Hit ground at {self._sink_m_s:f} m/s", now)
         height_m = autopilot.navigation.home_m[2] - state.down_m
         if is_up and not self._is_aligned and height_m > ALIGNED_M:

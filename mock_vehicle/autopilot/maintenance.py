@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
+from mock_vehicle.autopilot import parameters
 from mock_vehicle.autopilot.commands import Command, CommandHandler, Result, acknowledge
 from mock_vehicle.autopilot.traits import Severity
 
@@ -78,14 +79,27 @@ def calibrate_ardupilot(autopilot: Autopilot, command: Command, now: float) -> i
         return Result.FAILED
     if command.params[0] == 1.0:
         autopilot.say(Severity.INFO, "Initialising ArduPilot", now)
-        done = partial(acknowledge, autopilot, command, Result.ACCEPTED)
-        autopilot.later(now + GYRO_CALIBRATION_S, lambda _: done())
+        autopilot.later(
+            now + GYRO_CALIBRATION_S, partial(_end_gyro_calibration, autopilot, command)
+        )
         return None
     if command.params[2] == 1.0:
+        _tell(autopilot, parameters.BAROMETERS)
         autopilot.say(Severity.INFO, "Updating barometer calibration", now)
         autopilot.say(Severity.INFO, "Barometer calibration complete", now)
         return Result.ACCEPTED
     return Result.UNSUPPORTED
+
+
+def _end_gyro_calibration(autopilot: Autopilot, command: Command, now: float) -> None:  # noqa: ARG001
+    acknowledge(autopilot, command, Result.ACCEPTED)
+    _tell(autopilot, parameters.GYROSCOPES)
+
+
+def _tell(autopilot: Autopilot, names: str) -> None:
+    """Tell parameters that were measured."""
+    for name in names.split() if autopilot.is_talkative else ():
+        autopilot.parameter_service.tell(autopilot, name)
 
 
 def store_ardupilot(autopilot: Autopilot, command: Command, now: float) -> int:  # noqa: ARG001

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from mock_vehicle.autopilot.base import Autopilot
     from mock_vehicle.autopilot.commands import MessageHandler
 
+ROUNDING_S = 1e-6
+"""Times of steps are sums of floats."""
+
 
 def watch(autopilot: Autopilot, now: float) -> None:
     """Tell what has changed, ask again for what does not come, and give up in the end."""
@@ -30,7 +33,7 @@ def watch(autopilot: Autopilot, now: float) -> None:
             end(autopilot, rules.timeout_result)
             if rules.timeout_text:
                 autopilot.say(Severity.WARNING, rules.timeout_text, now)
-        elif transfer.is_upload and now - transfer.asked_at >= rules.retry_s:
+        elif transfer.is_upload and now - transfer.asked_at >= rules.retry_s - ROUNDING_S:
             ask(autopilot, transfer, now)
 
 

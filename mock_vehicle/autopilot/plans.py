@@ -107,7 +107,7 @@ class PlanRules:
     no_space_text: str
     """Said of too large a plan, with its limit."""
     wrong_sequence: int | None
-    """MAV_MISSION_RESULT for an item out of turn; None asks for the right one again."""
+    """MAV_MISSION_RESULT for an item out of turn; None waits for the right one."""
     unasked_item: int | None
     """MAV_MISSION_RESULT for an item without an upload; None is silence."""
     restarts: bool

@@ -128,8 +128,7 @@ def _take(autopilot: Autopilot, frame: wire.Frame, item: Item, now: float) -> No
     elif plans.rules.wrong_sequence is not None:
         ack(autopilot, client, v.mission_type, plans.rules.wrong_sequence)
     else:
-        transfer.heard_at = now
-        ask(autopilot, transfer, now)
+        transfer.heard_at = now  # and the right one is asked for when that is due
 
 
 def _store(

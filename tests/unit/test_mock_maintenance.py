@@ -100,6 +100,18 @@ def test_gyros_are_calibrated_for_half_a_second() -> None:
     assert client.texts[-1] == "Barometer calibration complete"
 
 
+def test_a_calibration_tells_what_it_measured() -> None:
+    client = Client("ardupilot", rates="full")
+    client.fly(1.5)
+    client.heard.clear()
+    client.command(241, 0, 0, 1)
+    client.command(241, 1)
+    client.fly(1.0)
+    told = [m.param_id for _, m in client.heard if m.get_type() == "PARAM_VALUE"]
+    assert told[:2] == ["BARO1_GND_PRESS", "BARO2_GND_PRESS"]
+    assert told[2:5] == ["INS_GYROFFS_X", "INS_GYROFFS_Y", "INS_GYROFFS_Z"]
+
+
 def test_a_motor_is_tested_for_as_long_as_asked() -> None:
     client = Client("ardupilot")
     assert client.command(209, 1, 0, 5, 2.0) == [(209, ACCEPTED)]
