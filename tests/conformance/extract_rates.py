@@ -8,8 +8,6 @@ from typing import Any
 from extract_behaviour import interval
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-UNSTEADY = {"STATUSTEXT", "PARAM_VALUE", "GPS_GLOBAL_ORIGIN", "HOME_POSITION"}
-"""What ArduPilot says once, or for a reason."""
 PX4_TIME = 0.988
 """Seconds of PX4's simulator per second of the recorder's clock."""
 DATA_STREAMS = {
@@ -72,7 +70,7 @@ def rate(
     hz = {
         name: round(hz["hz"] if isinstance(hz, dict) else hz, 2)
         for name, hz in heard.items()
-        if name in known and name not in UNSTEADY
+        if name in known
     }
     times = {"from_s": from_s, "span_s": span_s}
     return {"case": case, **times, "link": link, "start": start, "stop": stop, "hz": hz}

@@ -60,6 +60,7 @@ PLACE_E7 = Rule("where the estimate wanders, 5 m", 500.0)
 HEIGHT_MM = Rule("where the estimate wanders, 3 m", 3000.0)
 WANDER_M = Rule("where the estimate wanders, 5 m", 5.0)
 LEVEL_RAD = Rule("attitude on the ground", 0.1)
+ABOVE_SEA_M = Rule("where the estimate wanders, 3 m", 3.0)
 
 MEASURED_PARAMS = (
     "BARO?_GND_PRESS",
@@ -111,6 +112,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("ATTITUDE", "*"): LEVEL_RAD,
     ("ATTITUDE", "yaw"): Rule("which way it was put down", math.inf),
     ("ATTITUDE_QUATERNION", "*"): LEVEL_RAD,
+    ("ATTITUDE_TARGET", "*"): LEVEL_RAD,
     ("HIGHRES_IMU", "*"): NOISE,
     ("EKF_STATUS_REPORT", "velocity_variance"): NOISE,
     ("EKF_STATUS_REPORT", "pos_horiz_variance"): NOISE,
@@ -120,9 +122,9 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("SIM_STATE", "*"): NOISE,
     ("SIMSTATE", "*"): NOISE,
     ("SYS_STATUS", "load"): NOISE,
-    ("SYS_STATUS", "voltage_battery"): Rule("the pack's state, 0.5 V", 500.0),
+    ("SYS_STATUS", "voltage_battery"): Rule("the pack's state, 0.1 V", 100.0),
     ("SYS_STATUS", "current_battery"): NOISE,
-    ("BATTERY_STATUS", "voltages"): Rule("the pack's state, 0.5 V", 500.0),
+    ("BATTERY_STATUS", "voltages"): Rule("the pack's state, 0.1 V", 100.0),
     ("BATTERY_STATUS", "current_battery"): NOISE,
     ("BATTERY_STATUS", "current_consumed"): NOISE,
     ("BATTERY_STATUS", "energy_consumed"): NOISE,
@@ -132,6 +134,8 @@ RULES: Mapping[tuple[str, str], Rule] = {
 
 def rule_of(message: str, fields: Mapping[str, Any], name: str) -> Rule:
     """Find the rule of a field."""
+    if message.startswith("MISSION_ITEM") and name == "z" and not fields.get("frame", 0):
+        return ABOVE_SEA_M  # of home
     if message == "PARAM_VALUE" and name == "param_value":
         measured = any(fnmatchcase(fields["param_id"], pattern) for pattern in MEASURED_PARAMS)
         return NOISE if measured else SAME

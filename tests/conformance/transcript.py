@@ -20,11 +20,17 @@ PATIENCE_S = 0.5
 REQUEST_MESSAGE, SET_MESSAGE_INTERVAL = 512, 511
 ASKED_BY_COMMAND = {
     148: {520},
+    244: {510},
     242: {179, 410},
     49: {179, 410},
     300: {519},
 }
 """Commands other than REQUEST_MESSAGE that ask for a message, by its id."""
+
+ONCE = frozenset({"PARAM_VALUE", "STATUSTEXT"})
+"""Said when there is something to say."""
+ARDUPILOT_ONCE = ONCE | {"GPS_GLOBAL_ORIGIN", "HOME_POSITION"}
+"""These are streams of PX4."""
 
 ANSWERS = frozenset(
     {
@@ -136,7 +142,7 @@ class Listener:
         self._asked: dict[str, float] = {}
         self._states: dict[str, tuple[Any, ...]] = {}
         # ArduPilot tells these two when they are set, and streams them only when told to.
-        self._events = {"HOME_POSITION", "GPS_GLOBAL_ORIGIN"} if personality != "px4" else set()
+        self._events = set(once(personality) - ONCE)
 
     def ask(self, request: Said) -> None:
         """Note a request of the client."""
@@ -164,6 +170,11 @@ class Listener:
         changed = self._states.get(name) != state
         self._states[name] = state
         return changed
+
+
+def once(personality: str) -> frozenset[str]:
+    """Name the messages that a personality says when there is something to say."""
+    return ONCE if personality == "px4" else ARDUPILOT_ONCE
 
 
 def asked_for(request: Said) -> list[str]:
