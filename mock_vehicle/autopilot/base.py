@@ -287,6 +287,11 @@ class Autopilot(ABC):
         return ()
 
     @property
+    def is_on_mission(self) -> bool:
+        """What MISSION_CURRENT says of the mode."""
+        return self.mode == self.mission_mode
+
+    @property
     def bars_mission(self) -> bool:
         """Whether the fence forbids the mission as it is."""
         return False

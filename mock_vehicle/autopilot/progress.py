@@ -108,7 +108,7 @@ def mission_current(autopilot: Autopilot, now: float) -> None:
     total, mode = plans.rules.idle_total, plans.rules.idle_mode
     if plans.has_mission:
         total = len(plans.mission) - plans.rules.has_home
-    if autopilot.mode == autopilot.mission_mode:
+    if autopilot.is_on_mission:
         mode = ACTIVE_MODE
     current = autopilot.progress.current
     autopilot.send(MISSION_CURRENT, current, total, mission_state(autopilot), mode)

@@ -459,6 +459,11 @@ class Px4(Autopilot):
             self.steer(now)
 
     @property
+    def is_on_mission(self) -> bool:
+        """Count landings as missions."""
+        return self.mode in {AUTO_MISSION, AUTO_LAND}
+
+    @property
     def bars_mission(self) -> bool:
         """Whether a place of the mission is outside the zones of the fence."""
         return self.geofence.forbids_mission(self, self.fence_settings)

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from extract_behaviour import told
+from extract_behaviour import malformed, told
 from extract_rates import rates
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from transcript import CLIENT, HERE, RATES, Listener, Said
+from transcript import CLIENT, HERE, MALFORMED, RATES, Listener, Said
 
 CLOCKS = {"ATTITUDE", "LOCAL_POSITION_NED", "SYSTEM_TIME"}
 """Messages whose time_boot_ms says when they were sent."""
@@ -44,6 +44,8 @@ def main(reference: Path) -> None:
             known, left_out = understood(lines)
             heard = sorted({line[2] for line in known if line[1] == "<"})
             write(HERE / path.parent.name / f"{suite}.json", known, left_out, {}, heard)
+        broken = json.dumps(malformed(behaviour), indent=1)
+        (HERE / path.parent.name / f"{MALFORMED}.json").write_text(f"{broken}\n", "utf-8")
         found = rates(behaviour)
         cases = ",\n".join(json.dumps(case) for case in found)
         (HERE / path.parent.name / f"{RATES}.json").write_text(f"[\n{cases}\n]\n", "utf-8")

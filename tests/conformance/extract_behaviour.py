@@ -98,6 +98,50 @@ ARDUPILOT_PARAMS = (
     Param("read with target system 9", "GUID_TIMEOUT", target=(9, 1)),
 )
 
+MALFORMED = {
+    "good frame": "good",
+    "bad_crc": "checksum",
+    "bad CRC": "checksum",
+    "payload_flip_bit": "payload bit",
+    "incompat_flag_unknown_0x80": "incompatible",
+    "unknown incompat flag 0x40": "incompatible",
+    "compat flags 0x55 (CRC not redone)": "compatible",
+    "unknown message id 12345": "unknown id",
+    "truncated": "cut",
+    "truncated to 10 bytes": "cut",
+    "empty_datagram": "empty",
+    "empty-ish: single 0xFD": "lone start",
+    "65 kB... 1400 B of 0xFD": "many starts",
+    "two_frames_one_datagram": "two at once",
+    "two frames in one datagram": "two at once",
+    "split_over_two_datagrams(2nd half)": "in two",
+    "one frame split over two datagrams": "in two",
+    "source sysid 0": "sysid 0",
+    "source sysid 1": "sysid 1",
+    "source sysid 254": "sysid 254",
+    "five commands, same seq": "same number",
+    "MAVLink1 COMMAND_LONG": "MAVLink 1",
+}
+"""Cases of the records by our names; those with random bytes cannot be repeated."""
+
+
+def malformed(behaviour: Mapping[str, Any]) -> dict[str, list[int | None]]:
+    """Give how often each case was answered, and the command after it."""
+    cases = behaviour.get("malformed") or behaviour["wire"]["malformed"]
+    found = {MALFORMED[name]: _obeyed(name, v) for name, v in cases.items() if name in MALFORMED}
+    if behaviour.get("mavlink1"):
+        found["MAVLink 1"] = [len(behaviour["mavlink1"]["v1_command_acked"]), None]
+    return found
+
+
+def _obeyed(name: str, entry: Mapping[str, Any]) -> list[int | None]:
+    if "replies" in entry:
+        answers = sum(reply[0] == "COMMAND_ACK" for reply in entry["replies"])
+        return [answers, int(entry["alive_after"] != "NO_ACK")]
+    answers = int(entry["acked"]) * (2 if name.startswith("two frames") else 1)
+    alive = entry.get("then_alive")
+    return [answers, int(alive[0] != "NO_ACK") if alive else None]
+
 
 def told(behaviour: Mapping[str, Any]) -> Iterator[tuple[str, list[Line]]]:
     """Give the suites that only behaviour.json knows: name and lines."""

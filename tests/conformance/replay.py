@@ -31,8 +31,12 @@ class Mock:
         """Deliver a request, and give what the vehicle says at once."""
         data = packed(request, self._sent & 0xFF)
         self._sent += 1
-        self._fleet.receive(0, data, request.at_s, self._link)
-        return self._parsed(b"".join(self._fleet.answers(0, self._link)), request.at_s)
+        return self.deliver(data, request.at_s)
+
+    def deliver(self, data: bytes, at_s: float) -> list[Said]:
+        """Deliver a datagram, and give what the vehicle says at once."""
+        self._fleet.receive(0, data, at_s, self._link)
+        return self._parsed(b"".join(self._fleet.answers(0, self._link)), at_s)
 
     def fly(self, until_s: float) -> list[Said]:
         """Let time pass, and give what the vehicle says meanwhile."""

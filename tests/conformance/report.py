@@ -13,13 +13,15 @@ from pathlib import Path
 
 from compare import Comparison, compare
 from differences import KNOWN, known, topics, unexplained, unmet
+from malformed import compare_malformed
 from rates import compare_rates
 from replay import replay
-from transcript import RATES, scripts
+from transcript import MALFORMED, RATES, scripts
 
 PAGE = Path(__file__).parents[2] / "docs" / "conformance.md"
 PERSONALITIES = ("ardupilot", "px4")
-SUITES = (*(s.name for s in scripts()), *(f"{p}/{RATES}" for p in PERSONALITIES))
+OTHERS = {RATES: compare_rates, MALFORMED: compare_malformed}
+SUITES = (*(s.name for s in scripts()), *(f"{p}/{name}" for name in OTHERS for p in PERSONALITIES))
 
 HEAD = """# Conformance
 
@@ -39,17 +41,16 @@ why.
 """
 TAIL = """
 
-On malformed input the mock differs on purpose. NaN or infinity in some commands and setpoints kills
-the recorded ArduPilot; the mock refuses the command, or stops, and lives on. `tests/flight` sends
-it a million broken frames.
+One recording is not replayed: NaN or infinity in some commands and setpoints kills the recorded
+ArduPilot. The mock refuses such a command, stops at such a setpoint, and lives on.
 """
 
 
 def compared(suite: str) -> Comparison:
     """Replay one suite."""
     personality, _, name = suite.partition("/")
-    if name == RATES:
-        return compare_rates(personality)
+    if name in OTHERS:
+        return OTHERS[name](personality)
     script = next(script for script in scripts() if script.name == suite)
     return compare(script, replay(script))
 

@@ -15,6 +15,8 @@ CLIENT = (255, 190)
 """sysid and compid of who asked in the recordings."""
 RATES = "rates"
 """The file of what flows unasked, beside the suites."""
+MALFORMED = "malformed"
+"""The file of what became of broken frames."""
 PATIENCE_S = 0.5
 """A message that flows anyway answers a request for it within this time."""
 REQUEST_MESSAGE, SET_MESSAGE_INTERVAL = 512, 511
@@ -104,7 +106,8 @@ class Script:
 
 def scripts() -> list[Script]:
     """Read every recorded suite."""
-    return [read(path) for path in sorted(HERE.glob("*/*.json")) if path.stem != RATES]
+    paths = sorted(HERE.glob("*/*.json"))
+    return [read(path) for path in paths if path.stem not in {RATES, MALFORMED}]
 
 
 def read(path: Path) -> Script:
