@@ -198,6 +198,8 @@ SENSOR_GNSS, SENSOR_FENCE, SENSOR_AHRS, SENSOR_LOGGING = 0x20, 0x100000, 0x20000
 POSITION_CONTROL = 0x6000
 BASE_MODE_STABILIZE, BASE_MODE_GUIDED = 81, 89
 PREARM_EVERY_S = 26.4
+LAND_PAUSE_S = 4.0
+"""From a failsafe to the descent, as two of them were recorded."""
 FASTEST_INTERVAL_US = 5000
 FRAME_LOCAL_NED, FRAME_LOCAL_OFFSET_NED = 1, 7
 BODY_FRAMES = frozenset({8, 9})
@@ -443,6 +445,14 @@ class ArduPilot(Autopilot):
         super().enter(number, now)
         if changes:
             streams.heartbeat(self, now)
+
+    def enter_by_failsafe(self, number: int, now: float) -> None:
+        """Change to a mode, and let the pilot see it before a landing descends."""
+        is_new = number != self.mode
+        self.enter(number, now)
+        if is_new and number == LAND:
+            self.descends_at = now + LAND_PAUSE_S
+            self.steer(now)
 
     def choose(self, number: int, now: float) -> int:
         """Change the mode, or say why not."""

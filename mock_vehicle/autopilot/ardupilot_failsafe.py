@@ -133,4 +133,4 @@ class Failsafe:
             return
         vehicle.say(Severity.WARNING, f"{what} Failsafe", now)
         if vehicle.armed and mode is not None:
-            vehicle.enter(mode, now)
+            vehicle.enter_by_failsafe(mode, now)

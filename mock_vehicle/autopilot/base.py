@@ -201,6 +201,8 @@ class Autopilot(ABC):
         self.takeoff_height_m = self.traits.takeoff_height_m
         self.hold_at: Vector | None = None
         """Place that the manoeuvre keeps to, once it has one."""
+        self.descends_at = now
+        """When a landing begins to descend."""
         self.home_at: float | None = None
         """When the manoeuvre reached home."""
         self.plans.transfer = None
@@ -495,6 +497,7 @@ class Autopilot(ABC):
         self.manoeuvre = manoeuvre
         self._manoeuvre_since = now
         self.hold_at = self.home_at = self.return_m = None
+        self.descends_at = now
         self.setpoint = STOP
         self.heading_rad = NAN
         self.steer(now)

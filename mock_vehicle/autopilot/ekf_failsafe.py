@@ -44,4 +44,4 @@ class EkfFailsafe:
         if by_hand or autopilot.parameters["FS_EKF_ACTION"] == REPORT_ONLY:
             return
         autopilot.say(Severity.CRITICAL, "EKF Failsafe: changed to LAND Mode", now)
-        autopilot.enter(LAND, now)
+        autopilot.enter_by_failsafe(LAND, now)

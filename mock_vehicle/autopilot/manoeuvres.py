@@ -212,10 +212,12 @@ def circle(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
     autopilot.command(Control.POSITION, velocity, height, bearing + math.pi)
 
 
-def land(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
-    """Brake, and descend where the vehicle is."""
+def land(autopilot: Autopilot, now: float) -> None:
+    """Brake, and descend where the vehicle is, perhaps after a pause."""
     height = -autopilot.state.down_m
     speed = next(speed for above, speed in autopilot.traits.land_speeds_m_s if height > above)
+    if now < autopilot.descends_at:
+        speed = 0.0
     if autopilot.hold_at is None:
         _stay_when_braked(autopilot)
     if autopilot.hold_at is None:

@@ -94,13 +94,6 @@ KNOWN = (
         "turns.",
     ),
     Known(
-        "battery landing",
-        "ardupilot/fail_battery_low_land",
-        ("* not recorded",),
-        "The recorded vehicle sank at 0.35 m/s instead of 0.5 when its voltage was low, and was "
-        "still in the air at the end; the mock has landed by then.",
-    ),
-    Known(
         "SmartRTL",
         "ardupilot/fail_gps_loss",
         ('STATUSTEXT "SmartRTL deactivated: bad position" missing',),

@@ -321,6 +321,16 @@ def test_the_simulator_is_told_of_a_low_battery_by_a_parameter() -> None:
     assert [mode for _, mode in ap.modes(11.0, vx=0.0)] == [AP_LAND]
 
 
+def test_a_landing_by_failsafe_pauses_before_it_descends() -> None:
+    ap = flight("ardupilot", BATT_LOW_VOLT=11.5, BATT_FS_LOW_ACT=1)
+    ap.readings.battery_voltage_v[:] = 11.0 * CELLS
+    ap.fly_until(lambda: ap.vehicle.mode == AP_LAND, vx=0.0)
+    ap.fly(3.8)
+    assert ap.height_m == pytest.approx(5.0, abs=0.2)
+    ap.fly(4.0)
+    assert ap.height_m == pytest.approx(3.3, abs=0.4)
+
+
 def test_a_dip_of_the_voltage_is_not_a_low_battery() -> None:
     ap = flight("ardupilot", BATT_LOW_VOLT=11.5, BATT_FS_LOW_ACT=1)
     for _ in range(4):
