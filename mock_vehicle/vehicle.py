@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 
 from mock_vehicle.autopilot.ardupilot import ArduPilot
-from mock_vehicle.autopilot.base import Autopilot, State
+from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.px4 import Px4
+from mock_vehicle.autopilot.state import State
 from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.dynamics import Control, Dynamics, Limits
 from mock_vehicle.geodesy import TESTING_GROUND, Origin

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mock_vehicle.autopilot import auto, missions, ranging
-from mock_vehicle.autopilot.auto_rules import AutoRules
-from mock_vehicle.autopilot.boot import Announcement, BootLog
-from mock_vehicle.autopilot.fences import FenceSettings, Geofence
-from mock_vehicle.autopilot.link import Encoder, Link, Streams
+from mock_vehicle.autopilot.boot import BootLog
+from mock_vehicle.autopilot.fences import Geofence
+from mock_vehicle.autopilot.ground import Ground
+from mock_vehicle.autopilot.link import Link, Streams
 from mock_vehicle.autopilot.manoeuvres import (
     FLY,
     NAN,
@@ -30,17 +29,16 @@ from mock_vehicle.autopilot.manoeuvres import (
 )
 from mock_vehicle.autopilot.navigation import Navigation
 from mock_vehicle.autopilot.parameter_service import ParameterService
-from mock_vehicle.autopilot.parameters import Dialect, Parameters
-from mock_vehicle.autopilot.plans import Item, PlanRules
+from mock_vehicle.autopilot.parameters import Parameters
+from mock_vehicle.autopilot.personality import Personality
 from mock_vehicle.autopilot.progress import Progress
+from mock_vehicle.autopilot.state import State
 from mock_vehicle.autopilot.traits import (
     FLIGHT_STATES,
     LandedState,
     Manoeuvre,
     Rates,
     Severity,
-    SystemStatus,
-    Traits,
 )
 from mock_vehicle.autopilot.transfers import Plans
 from mock_vehicle.dynamics import Control, Dynamics
@@ -52,7 +50,6 @@ from swarm_ctl import wire
 from swarm_ctl.signing import Gatekeeper
 
 if TYPE_CHECKING:
-    from mock_vehicle.autopilot.commands import CommandHandler, MessageHandler
     from mock_vehicle.sensors.readings import PeerFix, VictimFix
 
 AUTOPILOT_COMPID = 1
@@ -62,65 +59,8 @@ STATUSTEXT = wire.message("STATUSTEXT")
 TEXT_LENGTH = 50
 
 
-class State(NamedTuple):
-    """One vehicle's row of truth and readings, as of the last refresh; local NED, SI."""
-
-    north_m: float
-    east_m: float
-    down_m: float
-    """Estimated position: truth - home + its error."""
-    north_m_s: float
-    east_m_s: float
-    down_m_s: float
-    roll_rad: float
-    pitch_rad: float
-    yaw_rad: float
-    yaw_rate_rad_s: float
-    on_ground: float
-    drift_north_m: float
-    drift_east_m: float
-    drift_down_m: float
-    battery_fraction: float
-    battery_voltage_v: float
-    battery_current_a: float
-    reception: float
-    """`gnss.Reception`."""
-    fix_error_north_m: float
-    fix_error_east_m: float
-    fix_error_down_m: float
-    ranges_m: list[float]
-
-
-class Autopilot(ABC):
-    """One mock autopilot, sans I/O; frames to send pile up in `outbox`."""
-
-    traits: Traits
-    """As recorded, and in each vehicle as its parameters say."""
-    dialect: ClassVar[Dialect]
-    """How it speaks of parameters."""
-    command_table: ClassVar[Mapping[int, CommandHandler]]
-    """By MAV_CMD; what is not here is UNSUPPORTED."""
-    message_table: ClassVar[Mapping[int, MessageHandler]]
-    """By message id; what is not here is ignored."""
-    streamable: ClassVar[Mapping[int, Encoder]]
-    """Messages with an interval, by id."""
-    requestable: ClassVar[Mapping[int, Encoder]]
-    """Messages that REQUEST_MESSAGE gives, by id."""
-    plan_rules: ClassVar[PlanRules]
-    auto_rules: ClassVar[AutoRules]
-    fence_settings: FenceSettings
-    """What the parameters say of the fence."""
-    mission_mode: ClassVar[int]
-    """The mode that flies the mission."""
-    announcements: ClassVar[Sequence[Announcement]] = ()
-    """What it says while it boots."""
-    stream_groups: ClassVar[Mapping[int, Sequence[int]]] = {}
-    """Message ids by the stream of REQUEST_DATA_STREAM."""
-
-    acks_left: float = math.inf
-    """How many commands it still acknowledges in its present loop."""
-    ordered_faults: frozenset[str] = frozenset()
-    """Kinds of faults that its own parameters ask for."""
+class Autopilot(Personality):
+    """One mock autopilot, sans I/O; frames to send pile up in the outboxes of its links."""
 
     def __init__(
         self,
@@ -216,95 +156,8 @@ class Autopilot(ABC):
         self.return_m: tuple[float, float] | None = None
         """Where the manoeuvre returns to, home or a rally point, once it has chosen."""
         self.geofence = Geofence()
-        self._has_flown = False
-        self._manoeuvre_since = now
-        self._armed_at = now
-        self._idle_since = now
-        self._touched_at: float | None = None
+        self.ground = Ground(now)
         self._text_number = 0
-
-    # What personalities decide.
-
-    @property
-    @abstractmethod
-    def base_mode(self) -> int:
-        """HEARTBEAT.base_mode without the armed bit."""
-
-    @property
-    def reported_mode(self) -> int:
-        """HEARTBEAT.custom_mode."""
-        return self.mode
-
-    @abstractmethod
-    def tuned(self) -> Traits:
-        """Give the numbers as the parameters say."""
-
-    @abstractmethod
-    def system_status(self, now: float) -> SystemStatus:
-        """HEARTBEAT.system_status."""
-
-    @abstractmethod
-    def accepts_command(self, system: int, component: int, number: int) -> bool:
-        """Whether a command with this target is for us."""
-
-    @abstractmethod
-    def accepts_setpoint(self, system: int, component: int) -> bool:
-        """Whether a setpoint with this target is for us."""
-
-    @abstractmethod
-    def arming_refusals(self, now: float, *, force: bool) -> list[str] | None:
-        """Say why arming is refused (perhaps without words), or None when it is not."""
-
-    @abstractmethod
-    def receive_setpoint(self, values: Any, now: float) -> None:
-        """Take a SET_POSITION_TARGET_LOCAL_NED that is for us."""
-
-    @abstractmethod
-    def receive_attitude(self, setpoint: Setpoint, now: float) -> None:
-        """Take a SET_ATTITUDE_TARGET that is for us, as accelerations and a climb."""
-
-    @abstractmethod
-    def advance(self, now: float) -> None:
-        """Run the personality's own timers."""
-
-    @abstractmethod
-    def takeoff_done(self, now: float) -> None:
-        """Go on after a take-off."""
-
-    @abstractmethod
-    def sensor_bits(self, now: float) -> tuple[int, int, int]:
-        """MAV_SYS_STATUS_SENSOR bits present, enabled and healthy, without the arming check."""
-
-    @abstractmethod
-    def announce_origin(self, now: float) -> None:
-        """Tell unasked where the origin lies on the globe, which is new."""
-
-    @abstractmethod
-    def announce_home(self, now: float) -> None:
-        """Tell unasked where home lies on the globe, which is new."""
-
-    @property
-    def banner(self) -> Sequence[str]:
-        """What it says of itself before a list of parameters."""
-        return ()
-
-    @property
-    def is_on_mission(self) -> bool:
-        """What MISSION_CURRENT says of the mode."""
-        return self.mode == self.mission_mode
-
-    @property
-    def bars_mission(self) -> bool:
-        """Whether the fence forbids the mission as it is."""
-        return False
-
-    def take_guided_item(self, item: Item, current: int, now: float) -> int | None:  # noqa: ARG002
-        """Fly to a MISSION_ITEM that is none of a plan; a MAV_MISSION_RESULT, None is silence."""
-        return None
-
-    def may_speak(self, link: Link, now: float) -> bool:  # noqa: ARG002 - PX4 looks who listens
-        """Whether STATUSTEXT is sent over a link at all."""
-        return True
 
     # Frames.
 
@@ -332,7 +185,8 @@ class Autopilot(ABC):
             for sequence, chunk in enumerate(chunks):
                 self.send(STATUSTEXT, severity, chunk, number, sequence)
 
-    def _inform(self, texts: tuple[str, ...], now: float) -> None:
+    def inform(self, texts: tuple[str, ...], now: float) -> None:
+        """Send texts that warn of nothing."""
         for text in texts:
             self.say(Severity.INFO, text, now)
 
@@ -363,18 +217,6 @@ class Autopilot(ABC):
         """Its battery's voltage over that of the four cells that all vehicles are computed with."""
         return self.traits.full_battery_v / FULL_V
 
-    @property
-    def true_position_m(self) -> Vector:
-        """Where it really is, in local NED."""
-        s = self.state
-        return s.north_m - s.drift_north_m, s.east_m - s.drift_east_m, s.down_m - s.drift_down_m
-
-    @property
-    def fix_m(self) -> Vector:
-        """Where the satellites say that it is, in local NED."""
-        s, (north, east, down) = self.state, self.true_position_m
-        return north + s.fix_error_north_m, east + s.fix_error_east_m, down + s.fix_error_down_m
-
     # Time.
 
     def uptime_s(self, now: float) -> float:
@@ -400,7 +242,7 @@ class Autopilot(ABC):
         self.advance(now)
         missions.watch(self, now)
         auto.run(self, now)
-        self._watch_ground(now)
+        self.ground.watch(self, now)
         self.steer(now)
         current, self.state = self.state, self.stale_state or self.state
         for link in self.links if self.uptime_s(now) >= self.boot.heartbeat_s else ():
@@ -470,18 +312,22 @@ class Autopilot(ABC):
         if self.mode == self.mission_mode:
             auto.prepare(self)
         self.armed = True
-        self.flying = self._has_flown = self.state.on_ground == 0.0
-        self._armed_at = self._idle_since = now
-        self._touched_at = None
-        self._inform(self.traits.texts_armed, now)
+        self.flying = self.state.on_ground == 0.0
+        self.ground.arm(flying=self.flying, now=now)
+        self.inform(self.traits.texts_armed, now)
         self.navigation.set_home(self, self.state[:3], now)
 
     def disarm(self, now: float) -> None:
         """Stop the motors, wherever the vehicle is."""
         self.armed = False
         self.flying = False
-        self._inform(self.traits.texts_disarmed, now)
+        self.inform(self.traits.texts_disarmed, now)
         self.steer(now)
+
+    def disarm_landed(self, now: float) -> None:
+        """Stop the motors after a landing."""
+        self.inform(self.traits.texts_disarmed_by_landing, now)
+        self.disarm(now)
 
     def enter(self, number: int, now: float) -> None:
         """Change to a mode of the table; the same mode again changes nothing."""
@@ -495,7 +341,7 @@ class Autopilot(ABC):
     def begin(self, manoeuvre: Manoeuvre, now: float) -> None:
         """Start a manoeuvre anew."""
         self.manoeuvre = manoeuvre
-        self._manoeuvre_since = now
+        self.ground.begun_at = now
         self.hold_at = self.home_at = self.return_m = None
         self.descends_at = now
         self.setpoint = STOP
@@ -532,64 +378,6 @@ class Autopilot(ABC):
         if self.manoeuvre is Manoeuvre.SETPOINT:
             self.steer(now)
 
-    # The ground.
-
-    def _watch_ground(self, now: float) -> None:
-        if self.state.on_ground == 0.0 or self.truth.motor_lost[self.index]:
-            self._touched_at = None  # ArduPilot believes that it flies when it lies there
-            return
-        if self._touched_at is None:
-            self._touched_at = now
-        if not self.armed:
-            self.landed_state = LandedState.ON_GROUND
-        elif self.flying:
-            if now - self._touched_at >= self.traits.touchdown_s:
-                self.flying = False
-                self.landed_state = LandedState.ON_GROUND
-                self._idle_since = now
-                self._inform(self.traits.texts_landing, now)
-        elif now - self._idle_since >= self._disarm_delay_s():
-            if self._has_flown:
-                self.disarm_landed(now)
-            else:
-                self.disarm(now)
-
-    def disarm_landed(self, now: float) -> None:
-        """Stop the motors after a landing."""
-        self._inform(self.traits.texts_disarmed_by_landing, now)
-        self.disarm(now)
-
-    def _disarm_delay_s(self) -> float:
-        is_landing = self.manoeuvre in {Manoeuvre.LAND, Manoeuvre.RETURN}
-        if is_landing or (self._has_flown and self.traits.disarms_wherever_landed):
-            return self.traits.landed_disarm_s
-        return self.traits.idle_disarm_s
-
-    def _wait_on_ground(self, now: float) -> None:
-        """Leave the ground when the motors are up and something wants to climb."""
-        fall(self, now)
-        traits = self.traits
-        if self.manoeuvre is Manoeuvre.TAKEOFF:
-            waited = now - max(self._armed_at, self._manoeuvre_since)
-            announced_s, lift_s = traits.takeoff_announced_s, traits.takeoff_lift_s
-        elif traits.setpoint_announced_s is not None and self._wants_to_climb():
-            waited = now - self._armed_at
-            announced_s, lift_s = traits.setpoint_announced_s, traits.setpoint_lift_s
-        else:
-            self.landed_state = LandedState.ON_GROUND
-            return
-        self._idle_since = now
-        if waited >= announced_s and self.landed_state is LandedState.ON_GROUND:
-            self.landed_state = FLIGHT_STATES[self.manoeuvre]
-            self._inform(traits.texts_takeoff, now)
-        if waited >= lift_s:
-            self.flying = self._has_flown = True
-            self._touched_at = None
-
-    def _wants_to_climb(self) -> bool:
-        is_followed = self.manoeuvre is Manoeuvre.SETPOINT
-        return is_followed and self.setpoint.climbs_from(self.state.down_m)
-
     # The air.
 
     def steer(self, now: float) -> None:
@@ -597,7 +385,7 @@ class Autopilot(ABC):
         if not self.armed:
             fall(self, now)
         elif not self.flying:
-            self._wait_on_ground(now)
+            self.ground.wait(self, now)
         else:
             self.landed_state = FLIGHT_STATES[self.manoeuvre]
             FLY[self.manoeuvre](self, now)

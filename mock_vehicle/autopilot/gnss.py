@@ -70,7 +70,7 @@ def gps_raw(autopilot: Autopilot, now: float) -> None:
     """Send GPS_RAW_INT: what the receiver says, whatever the estimator makes of it."""
     s, fix = autopilot.state, quality(autopilot, now)
     has_fix = fix.fix_type > LOST_FIX.fix_type
-    place = autopilot.navigation.site.to_global(*autopilot.fix_m)
+    place = autopilot.navigation.site.to_global(*autopilot.state.fix_m)
     latitude, longitude, altitude = (
         (e7(place.latitude_deg), e7(place.longitude_deg), millimetres(place.amsl_m))
         if has_fix

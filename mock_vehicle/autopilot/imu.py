@@ -65,7 +65,7 @@ def pressure_hpa(amsl_m: float) -> float:
 
 def true_place(autopilot: Autopilot) -> Origin:
     """Give where the vehicle really is."""
-    return autopilot.navigation.site.to_global(*autopilot.true_position_m)
+    return autopilot.navigation.site.to_global(*autopilot.state.true_position_m)
 
 
 def highres_imu(autopilot: Autopilot, now: float) -> None:

@@ -12,7 +12,8 @@ from mock_vehicle.dynamics import GRAVITY_M_S2
 from swarm_ctl import wire
 
 if TYPE_CHECKING:
-    from mock_vehicle.autopilot.base import Autopilot, State
+    from mock_vehicle.autopilot.base import Autopilot
+    from mock_vehicle.autopilot.state import State
 
 ATTITUDE = wire.message("ATTITUDE")
 ATTITUDE_QUATERNION = wire.message("ATTITUDE_QUATERNION")

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mock_vehicle.autopilot import ardupilot, px4
+from mock_vehicle.autopilot import ardupilot_traits, px4_traits
 from mock_vehicle.dynamics import Control, Dynamics, Limits
 
 DT = 0.02
-LIMITS = {"ardupilot": ardupilot.LIMITS, "px4": px4.LIMITS}
+LIMITS = {"ardupilot": ardupilot_traits.LIMITS, "px4": px4_traits.LIMITS}
 STILL_AIR = (0.0, 0.0, 0.0)
 
 

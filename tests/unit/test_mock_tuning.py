@@ -19,7 +19,7 @@ from mock_client import (
 )
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mock_vehicle.autopilot import ardupilot, px4
+from mock_vehicle.autopilot import ardupilot_traits, px4_traits
 from mock_vehicle.dynamics import Dynamics
 from mock_vehicle.vehicle import LIMITS, Personality
 
@@ -34,7 +34,7 @@ def change(client: Client, **parameters: float) -> None:
 
 @both
 def test_the_default_parameters_are_the_recorded_numbers(personality: Personality) -> None:
-    recorded = px4.TRAITS if personality == "px4" else ardupilot.TRAITS
+    recorded = px4_traits.TRAITS if personality == "px4" else ardupilot_traits.TRAITS
     assert Client(personality).vehicle.autopilot.traits == recorded
 
 
