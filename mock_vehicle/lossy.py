@@ -14,7 +14,7 @@ from swarm_ctl import wire
 
 Direction = Literal["uplink", "downlink"]
 DIRECTIONS: tuple[Direction, ...] = ("uplink", "downlink")
-LINKS: tuple[str, ...] = ("companion", "ground-station")
+LINKS: tuple[str, ...] = ("companion", "ground-station", "viewer")
 """What `link` of a fault calls them, in the order of an autopilot's links."""
 HELD_MAX = 20_000
 """Frames that wait at most; what comes then is lost, as in a full buffer."""

@@ -16,6 +16,8 @@ PX4_BIND, PX4_REMOTE = 14580, 14540
 """PX4's link to a companion: instance i listens on 14580 + i and calls 14540 + i."""
 PX4_GCS_BIND = 18570
 """PX4's link to a ground station: instance i listens on 18570 + i."""
+PX4_DISPLAY_BIND, PX4_DISPLAY_REMOTE = 19450, 19410
+"""PX4's link to a viewer, of its simulator in hardware: 19450 + i calls 19410 + i."""
 ARDUPILOT_BIND, GCS_REMOTE = 14650, 14550
 """ArduPilot calls the one port of a ground station."""
 FIRST_FREE, FREE = 20_000, 12_000
@@ -79,12 +81,18 @@ def parse_remote(text: str) -> tuple[str, int]:
         raise ValueError(f"--remote {text}: there is no host {host!r}") from None
 
 
-def plan_gcs_ports(kinds: Sequence[str], *, host: str, usual: bool) -> list[Port]:
-    """Let PX4 call a ground station, too, or listen for one if its ports are not the usual ones."""
-    return [
-        Port((host, PX4_GCS_BIND + index), (LOCALHOST, GCS_REMOTE)) if usual else Port((host, 0))
+def plan_further_ports(kinds: Sequence[str], *, host: str, usual: bool) -> list[Port]:
+    """Let PX4 call ground stations and viewers, too, or just listen if ports are not the usual."""
+    calls = [
+        (PX4_GCS_BIND + index, GCS_REMOTE) for index, kind in enumerate(kinds) if kind == "px4"
+    ] + [
+        (PX4_DISPLAY_BIND + index, PX4_DISPLAY_REMOTE + index)
         for index, kind in enumerate(kinds)
         if kind == "px4"
+    ]
+    return [
+        Port((host, bind), (LOCALHOST, remote)) if usual else Port((host, 0))
+        for bind, remote in calls
     ]
 
 

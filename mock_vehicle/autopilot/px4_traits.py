@@ -147,7 +147,7 @@ TRAITS = Traits(
     ),
     intervals_s={
         "lean": (rates.PX4_LEAN,),
-        "full": (rates.PX4_COMPANION, rates.PX4_GROUND),
+        "full": (rates.PX4_COMPANION, rates.PX4_GROUND, rates.PX4_DISPLAY),
     },
     sources_s=rates.PX4_SOURCES_S,
     fixed_streams=frozenset({commands.HEARTBEAT.id}),

@@ -90,6 +90,10 @@ PX4_GROUND = _intervals_s(
         "VIBRATION": 0.1,
     }
 )
+PX4_DISPLAY = _intervals_s(
+    # default_streams.sihsim_19410, likewise, without the motors' HIL_ACTUATOR_CONTROLS.
+    {"HEARTBEAT": 1.0, "HIL_STATE_QUATERNION": 25.0, "MISSION_CURRENT": 1.0}
+)
 PX4_SOURCES_S = _intervals_s({"GPS_RAW_INT": 8.0})
 """Sources that are slower than the steps: asking for more gives no more."""
 

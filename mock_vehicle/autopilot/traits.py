@@ -194,7 +194,7 @@ class Traits:
     """Without any position for so long there is none."""
     boot: Boot
     intervals_s: Mapping[Rates, Sequence[Mapping[int, float]]]
-    """Streams that flow unasked, by message id, for each link: companion, ground station."""
+    """Streams that flow unasked, by message id, for each link: companion, station, viewer."""
     sources_s: Mapping[int, float]
     """By message id, the interval that none can undercut."""
     fixed_streams: frozenset[int]

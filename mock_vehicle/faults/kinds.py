@@ -71,7 +71,9 @@ _PLACE = {
     "direction": Parameter(
         "uplink is to the vehicle", "both", choices=("both", "uplink", "downlink")
     ),
-    "link": Parameter("which of its links", "all", choices=("all", "companion", "ground-station")),
+    "link": Parameter(
+        "which of its links", "all", choices=("all", "companion", "ground-station", "viewer")
+    ),
 }
 
 KINDS: Mapping[str, Kind] = {
