@@ -57,6 +57,8 @@ HEARTBEAT_ID = wire.message("HEARTBEAT").id
 TUNNEL_ID = wire.message("TUNNEL").id
 STATUSTEXT = wire.message("STATUSTEXT")
 TEXT_LENGTH = 50
+GOLDEN = 0.618
+"""Its multiples, modulo 1, are far from one another, however many they are."""
 
 
 class Autopilot(Personality):
@@ -117,11 +119,12 @@ class Autopilot(Personality):
         self._timers: list[tuple[float, Callable[[float], None]]] = []
         self._boot_log = BootLog(self.announcements if self.is_talkative else ())
         subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
+        phase = self.index * GOLDEN % 1.0 if self._rates == "full" else 0.0
         self.links = [
             Link(
                 number,
                 subscribed,
-                Streams(self.streamable, intervals_s, self.traits.sources_s),
+                Streams(self.streamable, intervals_s, self.traits.sources_s, phase),
                 self.gate,
             )
             for number, intervals_s in enumerate(self.traits.intervals_s[self._rates])

@@ -42,11 +42,17 @@ class Streams:
         table: Mapping[int, Encoder],
         defaults_s: Mapping[int, float],
         sources_s: Mapping[int, float],
+        phase: float = 0.0,
     ) -> None:
-        """Let the defaults of a table flow; sources are the intervals that none can undercut."""
+        """Let the defaults of a table flow; sources are the intervals that none can undercut.
+
+        `phase`, 0 to 1, tells vehicles that were started together apart: a fleet that speaks all
+        at once overflows the receive buffer of a client.
+        """
         self._table = table
         self._defaults_s = defaults_s
         self._sources_s = sources_s
+        self._phase = phase
         self._active: dict[int, _Stream] = {}
         for number, interval_s in defaults_s.items():
             self.start(number, interval_s, -math.inf)
@@ -81,7 +87,7 @@ class Streams:
                 stream.encode(autopilot, now)
                 stream.due_s += stream.period_s
                 if stream.due_s <= now:
-                    stream.due_s = now + stream.period_s
+                    stream.due_s = now + stream.period_s * (1.0 - self._phase)
 
 
 REFUSALS: Mapping[Verdict, str] = {

@@ -124,6 +124,15 @@ def test_every_vehicle_speaks_ten_times_a_second(launch: Launch) -> None:
         assert set(orientations) == {0, 12, 6, 2, 24, 25}
 
 
+def test_a_fleet_at_full_rates_does_not_speak_all_at_once(tmp_path: Path) -> None:
+    file = tmp_path / "world.yaml"
+    file.write_text("name: field\nsize_m: [60, 60]\n")
+    fleet = Fleet(load_world(file), ["px4"] * 25, seed=1, rates="full")
+    datagrams = [len(fleet.step(fleet.step_s * step)) for step in range(1, 501)]
+    assert sum(datagrams) > 25 * 200 * 500 * fleet.step_s
+    assert max(datagrams[200:]) < 150  # the receive buffer of a client takes about 250
+
+
 def test_same_seed_same_bytes(launch: Launch) -> None:
     noisy = (
         HALL
