@@ -4,17 +4,15 @@ import asyncio
 import json
 import os
 import resource
-import select
 import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from mock_process import PATIENCE_S, Mock
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mock_vehicle.autopilot.parameters import DATA
@@ -32,34 +30,6 @@ ceiling_m: 5
 starts: {grid: {origin_m: [5, 5], spacing_m: 2}}
 victims: [{name: ann, position_m: [25, 15, 0.3]}]
 """
-PATIENCE_S = 10.0
-
-
-class Mock:
-    """`mock-vehicle` as a process of its own."""
-
-    def __init__(self, *arguments: object) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "mock_vehicle", *map(str, arguments)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
-
-    def line(self) -> dict[str, Any]:
-        assert self.process.stdout is not None
-        ready, _, _ = select.select([self.process.stdout], [], [], PATIENCE_S)
-        assert ready, "the mock says nothing"
-        line = self.process.stdout.readline()
-        return dict(json.loads(line)) if line else {}
-
-    def wait(self) -> tuple[int, list[dict[str, Any]], str]:
-        """Give the exit code, the remaining lines and what was complained about."""
-        assert self.process.stdin is not None
-        out, err = self.process.communicate(timeout=PATIENCE_S)
-        return self.process.returncode, [json.loads(line) for line in out.splitlines()], err
 
 
 class Companion:
@@ -118,9 +88,7 @@ def start() -> Iterator[Callable[..., Mock]]:
 
     yield begin
     for mock in started:
-        if mock.process.poll() is None:
-            mock.process.kill()
-        mock.process.communicate()
+        mock.end()
 
 
 @pytest.fixture
