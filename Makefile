@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
-.PHONY: help run test check lint format venv bench fuzz clean
+.PHONY: help run test check lint format venv clients bench fuzz clean
 .DEFAULT_GOAL := help
 
 help:  ## list what can be made
@@ -12,12 +12,12 @@ help:  ## list what can be made
 run: venv  ## fly the demo mission: ten UAVs search an office floor
 	$(BIN)/swarm-ctl run missions/usar_office.yaml --speed 4
 
-test: venv  ## run every test
+test: clients  ## run every test
 	$(BIN)/pytest -n auto
 
 check: lint test  ## what CI runs
 
-lint: venv  ## format check, lint, types, import contracts
+lint: clients  ## format check, lint, types, import contracts
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -41,6 +41,13 @@ $(VENV)/.stamp: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint constraints.txt --editable '.[all]'
+	touch $@
+
+clients: venv $(VENV)/.clients  ## add the third-party clients that tests fly the mock with (1 GB)
+
+$(VENV)/.clients: pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint constraints.txt --editable '.[clients]'
 	touch $@
 
 clean:  ## remove the virtual environment, runs and caches
