@@ -24,8 +24,29 @@ _GARBAGE, _UNREADABLE = -1, -2  # in place of an id: no frame here; a frame with
 _MAGICS = b"\xfd\xfe"
 _MAGIC = re.compile(b"[" + _MAGICS + b"]")
 _LENGTH_AND_ID = Struct("<xB5x3s").unpack_from  # of MAVLink 2
-_CRC_EXTRAS = {number: bytes([table.crc_extra]) for number, table in dialect.mavlink_map.items()}
-_IDS = {table.msgname: number for number, table in dialect.mavlink_map.items()}
+
+
+class _ProtocolVersion:
+    """PROTOCOL_VERSION of MAVLink's common messages, which pymavlink's dialects leave out."""
+
+    id, msgname, crc_extra = 300, "PROTOCOL_VERSION", 217
+    fieldnames = ordered_fieldnames = (
+        "version",
+        "min_version",
+        "max_version",
+        "spec_version_hash",
+        "library_version_hash",
+    )
+    native_format = b"<HHHBB"
+    array_lengths = (0, 0, 0, 8, 8)
+
+    def __init__(self) -> None:
+        """Have no field with a default."""
+
+
+_TABLES: dict[int, Any] = {**dialect.mavlink_map, _ProtocolVersion.id: _ProtocolVersion}
+_CRC_EXTRAS = {number: bytes([table.crc_extra]) for number, table in _TABLES.items()}
+_IDS = {table.msgname: number for number, table in _TABLES.items()}
 _PACK_ERRORS = (StructError, TypeError, ValueError, OverflowError)
 _Read = Callable[[bytes, "Parser"], Any]
 
@@ -286,7 +307,7 @@ class Message:
 
 @cache
 def _message(number: int) -> Message:
-    return Message(dialect.mavlink_map[number])
+    return Message(_TABLES[number])
 
 
 def message(key: str | int) -> Message:

@@ -228,8 +228,8 @@ class Range:
         name, index = vehicle.personality, vehicle.index
         body = self.fleet.dynamics
         forge.hovers = False
-        vehicle.autopilot.parameters._changed.clear()
-        vehicle.autopilot.tune()
+        for parameter, default in vehicle.autopilot.parameters.changed.items():
+            vehicle.autopilot.set_parameter(parameter, default)
         assert self._command(forge, ARM_DISARM, 0.0, FORCE) == ACCEPTED
         self._wait(f"{name} comes down", lambda: bool(body.on_ground[index]), lambda: None)
         self._wait(f"{name} is ready", lambda: vehicle.autopilot.is_ready(self.now), lambda: None)

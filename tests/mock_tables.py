@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from mock_vehicle.autopilot import requests
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.vehicle import PERSONALITIES
+from swarm_ctl import wire
 
 PAGE = Path(__file__).parents[1] / "docs" / "mock_vehicle.md"
 BEGIN, END = "<!-- tables -->\n", "<!-- end of tables -->\n"
@@ -90,7 +91,8 @@ def _commands() -> Iterator[list[str]]:
 
 def _telemetry() -> Iterator[list[str]]:
     numbers = {n for kind in BOTH for n in (*kind.streamable, *kind.requestable)}
-    names = {n: str(dialect.mavlink_map[n].msgname) for n in numbers & {*dialect.mavlink_map}}
+    known = {*dialect.mavlink_map, wire.message("PROTOCOL_VERSION").id}
+    names = {n: wire.message(n).name for n in numbers & known}
     for number, name in sorted(names.items(), key=lambda item: item[1]):
         companion, ground = (_rate(PX4, link, number) for link in (0, 1))
         yield [name, companion, ground, _rate(ARDUPILOT, 0, number)]

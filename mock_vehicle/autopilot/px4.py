@@ -104,7 +104,7 @@ class Px4(Autopilot):
         **requests.COMMANDS,
         **gnss.COMMANDS,
         **maintenance.PX4_COMMANDS,
-        requests.REQUEST_PROTOCOL_VERSION: maintenance.always(Result.ACCEPTED),
+        requests.REQUEST_PROTOCOL_VERSION: requests.request_protocol_version,
         commands.DO_SET_MODE: set_mode,
         commands.NAV_TAKEOFF: takeoff,
         commands.NAV_LAND: commands.mode_command(AUTO_LAND),

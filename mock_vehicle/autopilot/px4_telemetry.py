@@ -186,7 +186,7 @@ REQUESTS: Mapping[int, Encoder] = {
     **STREAMS,
     **requests.MESSAGES,
     FLIGHT_INFORMATION.id: flight_information,
-    requests.PROTOCOL_VERSION_ID: requests.nothing,
+    requests.PROTOCOL_VERSION.id: requests.protocol_version,
     requests.COMPONENT_INFORMATION_ID: requests.nothing,
     requests.COMPONENT_METADATA_ID: requests.nothing,
     requests.AVAILABLE_MODES_ID: requests.nothing,

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 AUTOPILOT_VERSION = wire.message("AUTOPILOT_VERSION")
 MESSAGE_INTERVAL = wire.message("MESSAGE_INTERVAL")
+PROTOCOL_VERSION = wire.message("PROTOCOL_VERSION")
 REQUEST_DATA_STREAM = wire.message("REQUEST_DATA_STREAM")
 
 GET_MESSAGE_INTERVAL = 510
@@ -42,12 +43,16 @@ def autopilot_version(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
     )
 
 
-PROTOCOL_VERSION_ID = 300
 COMPONENT_INFORMATION_ID = 395
 COMPONENT_METADATA_ID = 397
 AVAILABLE_MODES_ID = 435
 CURRENT_MODE_ID = 436
 """Messages that the dialect does not know: acknowledged as recorded, and never sent."""
+
+
+def protocol_version(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001 - an Encoder
+    """Send PROTOCOL_VERSION: MAVLink 2.0, 1.0 at least, 2.3 at most, as PX4 does."""
+    autopilot.send(PROTOCOL_VERSION, 200, 100, 203, b"", b"")
 
 
 def nothing(autopilot: Autopilot, now: float) -> None:
@@ -103,6 +108,11 @@ def request_message(autopilot: Autopilot, command: Command, now: float) -> int |
 def request_capabilities(autopilot: Autopilot, command: Command, now: float) -> int | None:
     """Send AUTOPILOT_VERSION (the old way to ask)."""
     return _answer(autopilot, command, autopilot_version, now)
+
+
+def request_protocol_version(autopilot: Autopilot, command: Command, now: float) -> int | None:
+    """Send PROTOCOL_VERSION (the old way to ask)."""
+    return _answer(autopilot, command, protocol_version, now)
 
 
 def _answer(autopilot: Autopilot, command: Command, encode: Encoder, now: float) -> int | None:

@@ -5,7 +5,7 @@ from collections import Counter
 from typing import Any
 
 import pytest
-from mock_client import ACCEPTED, DENIED, FAILED, Client, airborne, both
+from mock_client import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Client, airborne, both
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mock_vehicle.fleet import Fleet
@@ -308,3 +308,19 @@ def test_the_time_of_day_waits_for_the_satellites() -> None:
     asked_s = client.now - 0.1  # one tick ago
     assert told.time_unix_usec == pytest.approx((1_767_225_600 + asked_s) * 1e6, abs=10)
     assert told.time_boot_ms == pytest.approx(asked_s * 1e3, abs=1)
+
+
+def test_px4_tells_its_protocol_version_in_both_ways() -> None:
+    client = Client("px4")
+    client.fly(1.5)
+    assert client.command(512, 300) == [(512, ACCEPTED)]
+    assert client.command(519, 1) == [(519, ACCEPTED)]
+    told = [m for _, m in client.heard if m.get_type() == "UNKNOWN_300"]  # pymavlink has it not
+    assert len(told) == 2
+
+
+def test_ardupilot_has_no_protocol_version_to_tell() -> None:
+    client = Client("ardupilot")
+    client.fly(1.5)
+    assert client.command(512, 300) == [(512, FAILED)]
+    assert client.command(519, 1) == [(519, UNSUPPORTED)]

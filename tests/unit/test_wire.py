@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from messages import TABLES, random_values
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from pymavlink.generator import mavcrc
 
 from swarm_ctl import wire
 
@@ -441,3 +442,25 @@ def test_it_is_far_faster_than_pymavlink() -> None:
         )
     assert median(packs) >= 5.0
     assert median(parses) >= 5.0
+
+
+def test_protocol_version_is_what_its_definition_says() -> None:
+    definition = "PROTOCOL_VERSION "  # mavlink.io/en/messages/common.html#PROTOCOL_VERSION
+    x25crc: Any = mavcrc.x25crc
+    crc = x25crc()
+    for kind, name, length in (
+        ("uint16_t", "version", 0),
+        ("uint16_t", "min_version", 0),
+        ("uint16_t", "max_version", 0),
+        ("uint8_t", "spec_version_hash", 8),
+        ("uint8_t", "library_version_hash", 8),
+    ):
+        definition += f"{kind} {name} " + (chr(length) if length else "")
+    crc.accumulate_str(definition)
+    frame = wire.message("PROTOCOL_VERSION").pack(5, 1, 1, 200, 100, 203, b"", bytes(7) + b"7")
+    assert frame[:10] == bytes([0xFD, 22, 0, 0, 5, 1, 1, 300 & 0xFF, 300 >> 8, 0])
+    check = x25crc(frame[1:-2])
+    check.accumulate([(crc.crc & 0xFF) ^ (crc.crc >> 8)])
+    assert frame[-2:] == check.crc.to_bytes(2, "little")
+    (heard,) = wire.Parser(["PROTOCOL_VERSION"]).feed(frame)
+    assert heard.values[:3] == (200, 100, 203)
