@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from mock_vehicle.autopilot import (
-    clock,
-    rates,
-)
+from mock_vehicle.autopilot import clock, rates
 from mock_vehicle.autopilot.commands import Result
 from mock_vehicle.autopilot.manoeuvres import NAN
 from mock_vehicle.autopilot.traits import (
@@ -24,7 +21,7 @@ from mock_vehicle.sensors.gnss import Fix
 
 LIMITS = Limits(
     # A square-root controller with limited acceleration and jerk behind a pure delay and the
-    # attitude loop's lag; fitted to ten recorded steps, all rise times within 5 %.
+    # attitude loop's lag; fitted to ten recorded steps, all rise times within 7 %.
     horizontal=Loop(
         velocity_gain_1_s=2.44,
         accel_m_s2=2.87,

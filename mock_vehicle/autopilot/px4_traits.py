@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from mock_vehicle.autopilot import (
-    commands,
-    rates,
-)
+from mock_vehicle.autopilot import commands, rates
 from mock_vehicle.autopilot.commands import Result
 from mock_vehicle.autopilot.px4_failsafe import Action
 from mock_vehicle.autopilot.traits import (
