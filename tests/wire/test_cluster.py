@@ -236,7 +236,7 @@ def test_a_lost_scheduler_is_one_sentence_and_what_is_done_is_kept(
 def test_ctrl_c_keeps_what_is_done_cancels_the_rest_and_the_same_command_continues(
     dask: DaskCluster, write: Callable[..., Path], tmp_path: Path
 ) -> None:
-    path = write(trials=3000, duration_s=100.0)
+    path = write(trials=30_000, duration_s=100.0)
     words = [sys.executable, "-m", "swarm_ctl", "experiment", str(path)]
     words += ["--out", str(tmp_path / "there"), "--cluster", dask.start()]
     chunks = tmp_path / "there" / "chunks"
