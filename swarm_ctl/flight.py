@@ -20,6 +20,9 @@ from swarm_ctl.record.summary import summarise, write_summary
 
 TRUTH = "truth"
 """The referee's part of a run folder; no controller reads it."""
+GRACE_S = 1.0
+"""Mission time beyond the loss of its link after which a dead mock's vehicle is given up."""
+MOCK_DIED = "its autopilot died with the mock fleet"
 
 
 @dataclass(frozen=True, slots=True)

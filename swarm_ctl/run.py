@@ -15,7 +15,7 @@ from typing import Any
 
 from swarm_ctl.controller import KILLED, Clock, Controller, fly
 from swarm_ctl.errors import MockError
-from swarm_ctl.flight import TRUTH, Faults, controllers_for
+from swarm_ctl.flight import GRACE_S, MOCK_DIED, TRUTH, Faults, controllers_for
 from swarm_ctl.link.udp import UdpLink
 from swarm_ctl.mission import Mission
 from swarm_ctl.model import Operator
@@ -27,8 +27,6 @@ START_S = 30.0
 LAST_WORDS_S = 2.0
 STOP_S = 10.0
 REPORT_S = 0.25
-GRACE_S = 1.0
-"""Mission time beyond the loss of its link in which a vehicle ends by itself."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TWICE = "interrupted twice: ended without waiting for the landings"
 
@@ -203,7 +201,7 @@ class UdpRun:
         self.notes.append(f"the mock fleet died at {self.now:.1f} s")
         await self.clock.sleep_until(self.now + self.mission.limits.link_lost_s + GRACE_S)
         for controller in self.controllers:
-            controller.kill("its autopilot died with the mock fleet", self.now)
+            controller.kill(MOCK_DIED, self.now)
 
     async def _heed(self, mock: asyncio.subprocess.Process) -> None:
         """Keep the mock's latest complaint, and its pipe from filling up."""

@@ -16,10 +16,10 @@ from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.homing import Homeward, Trail
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peers import Neighbour, PeerTable
-from swarm_ctl.agent.phases import ENDED, STEERING, Cause, Phase, advance
+from swarm_ctl.agent.phases import ENDED, SILENT, STEERING, STREAMING, Cause, Phase, advance
 from swarm_ctl.agent.sender import Sender
 from swarm_ctl.agent.sharing import Sharing
-from swarm_ctl.agent.watch import TIME_OVER, watch
+from swarm_ctl.agent.watch import TIME_OVER, Vigil, watch
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.command import Answer, Command, CommandQueue
 from swarm_ctl.autopilot.telemetry import (
@@ -92,8 +92,9 @@ class Agent:
         self.explored_to_s: float | None = None
         self.is_paused = False
         self.was_offboard = False
-        self.mode_lost_s: float | None = None
-        """Since when the autopilot has said that it obeys setpoints no longer."""
+        self.vigil = Vigil()
+        self.homebound = ""
+        """Why the vehicle is on its way home for good, in words; empty while it is not."""
         self.hold_ned_m = ZERO
         self.plan_s = -math.inf
         self.has_plan_failed = False
@@ -219,6 +220,10 @@ class Agent:
         if cause in {Cause.OBSTACLE, Cause.CLEAR}:
             return  # avoiding is a part of exploring: too frequent for a line in the record
         self.reason = reason
+        if cause is Cause.RETURN:
+            self.homebound = reason
+        if cause is Cause.SILENT:
+            self.vigil.was_landing = before is Phase.LANDING
         if cause in _ENDING and reason not in _AS_PLANNED:
             self.trouble = self.trouble or reason
         if before in {Phase.EXPLORING, Phase.AVOIDING}:
@@ -344,6 +349,8 @@ class Agent:
         elif operator is Operator.RETURN:
             if self.phase in STEERING - {Phase.RETURNING}:
                 self.enter(Cause.RETURN, words)
+            elif self.phase is Phase.LOST:
+                self.homebound = words
         elif self.phase not in {Phase.LANDING, Phase.YIELDED, Phase.CONNECTING, Phase.READY}:
             self.enter(Cause.LAND, words)
 
@@ -356,9 +363,9 @@ class Agent:
             frames.append(sender.heartbeat())
         due, timed_out = self.commands.poll(now)
         self._answered(timed_out)
-        if due is not None and self.phase is not Phase.YIELDED:
+        if due is not None and self.phase not in SILENT:
             frames.append(sender.command(*due))
-        if velocity is not None and not self.is_ended:
+        if velocity is not None and self.phase in STREAMING:
             frames.append(sender.setpoint(self._last_word(velocity), now))
         if now >= self._next_beacon_s and self.telemetry.autopilot is not None:
             self._next_beacon_s = now + beacons.PERIOD_S

@@ -40,6 +40,10 @@ def connect(agent: Agent) -> Vec3 | None:
     """Ask for the streams until everything that is needed arrives."""
     if agent.telemetry.autopilot is None:
         return None
+    if agent.telemetry.armed:
+        mode = agent.telemetry.mode_name
+        agent.enter(Cause.FAULT, f"armed already, in {mode}: somebody else flies it")
+        return None
     if agent.is_time_to_ask:
         for name, rate_hz in agent.streams_hz.items():
             interval = (float(wire.message(name).id), 1e6 / rate_hz)
@@ -53,7 +57,10 @@ def connect(agent: Agent) -> Vec3 | None:
 
 def wait_for_start(agent: Agent) -> Vec3 | None:
     """Wait for this vehicle's turn to take off."""
-    if agent.in_phase_s >= agent.start_delay_s:
+    if agent.telemetry.armed:
+        agent.enter(Cause.FAULT, "armed by somebody else before its start")
+    elif agent.in_phase_s >= agent.start_delay_s:
+        agent.telemetry.start_here()
         agent.enter(Cause.STARTED, "")
     return None
 
@@ -113,6 +120,8 @@ def hold(agent: Agent) -> Vec3 | None:
     """Stay where the hold began; a planner that failed is asked again."""
     if agent.has_plan_failed:
         agent.plan()
+    if agent.now - agent.telemetry.position_s > agent.orders.limits.link_hold_s:
+        return ZERO  # nobody knows where the hold began
     return _towards(agent.hold_ned_m, agent.telemetry.position_ned_m)
 
 
@@ -142,6 +151,11 @@ def land(agent: Agent) -> Vec3 | None:
     return None
 
 
+def listen(_agent: Agent) -> Vec3 | None:
+    """Do nothing: the autopilot's own failsafe flies until it is heard again (watch.py)."""
+    return None
+
+
 def give_way(agent: Agent) -> Vec3 | None:
     """Do nothing: a pilot flies; the mission ends when he has landed."""
     if not agent.telemetry.armed:
@@ -160,6 +174,7 @@ DUTIES: dict[Phase, Duty] = {
     Phase.RETURNING: come_home,
     Phase.LANDING: land,
     Phase.YIELDED: give_way,
+    Phase.LOST: listen,
 }
 
 

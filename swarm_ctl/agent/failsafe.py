@@ -11,6 +11,8 @@ from swarm_ctl.agent.phases import Cause
 
 HOLD_LAND_S = 10.0
 """A hold that lasts longer becomes a landing."""
+OUTSIDE_LAND_S = 10.0
+"""Who is not back behind the fence by then lands; the last word steers it back meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,13 +23,19 @@ class Health:
     """Since anything was heard from the autopilot."""
     position_age_s: float
     range_age_s: float
-    """Of the oldest level rangefinder."""
+    """Of the oldest level rangefinder; 0 in open air."""
     plan_age_s: float
     holding_s: float
     """Since the present hold began; 0 when not holding."""
     mission_s: float
     battery_fraction: float
     """1 when the autopilot does not tell."""
+    way_home_fraction: float = 0.0
+    """Charge that the way home will take."""
+    outside_s: float = 0.0
+    """Since the fence was left; 0 inside."""
+    estimate: str = ""
+    """What is wrong with the position estimate, in words; empty when nothing is."""
 
 
 class Verdict(NamedTuple):
@@ -42,7 +50,7 @@ Rule = tuple[Callable[[Health, Limits], bool], Cause, str]
 RULES: tuple[Rule, ...] = (
     (
         lambda h, m: h.silent_s > m.link_lost_s,
-        Cause.FAULT,
+        Cause.SILENT,
         "nothing heard from its autopilot for {h.silent_s:.1f} s",
     ),
     (
@@ -56,6 +64,11 @@ RULES: tuple[Rule, ...] = (
         "longest mission time reached at {h.mission_s:.0f} s",
     ),
     (
+        lambda h, _m: h.outside_s > OUTSIDE_LAND_S,
+        Cause.LAND,
+        "outside its fence for {h.outside_s:.0f} s",
+    ),
+    (
         lambda h, _m: h.holding_s > HOLD_LAND_S,
         Cause.LAND,
         "held for {h.holding_s:.0f} s without recovery",
@@ -64,6 +77,11 @@ RULES: tuple[Rule, ...] = (
         lambda h, m: h.position_age_s > m.link_hold_s,
         Cause.HOLD,
         "no position for {h.position_age_s:.1f} s",
+    ),
+    (
+        lambda h, _m: bool(h.estimate),
+        Cause.HOLD,
+        "{h.estimate}",
     ),
     (
         lambda h, m: h.range_age_s > m.range_stale_s,
@@ -76,9 +94,9 @@ RULES: tuple[Rule, ...] = (
         "no plan for {h.plan_age_s:.1f} s",
     ),
     (
-        lambda h, m: h.battery_fraction < m.battery_reserve,
+        lambda h, m: h.battery_fraction < m.battery_reserve + h.way_home_fraction,
         Cause.RETURN,
-        "battery low at {h.battery_fraction:.0%}",
+        "battery low at {h.battery_fraction:.0%}, the way home takes {h.way_home_fraction:.0%}",
     ),
 )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from itertools import pairwise
 
 from swarm_ctl.model import ZERO, Vec3
 
@@ -38,6 +39,12 @@ class Trail:
         if self._here is not None:
             self._join(cell, self._here)
         self._here = cell
+
+    def length_m(self) -> float:
+        """Give the length of the way home."""
+        if self._here is None:
+            return 0.0
+        return sum(math.dist(a, b) for a, b in pairwise(self.way_home()))
 
     def _join(self, one: Cell, other: Cell) -> None:
         self._joined[one].add(other)

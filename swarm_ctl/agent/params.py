@@ -20,6 +20,12 @@ class FlightParams(Section):
     """Delay between a demanded velocity and half of its effect, in seconds; larger brakes earlier.
 
     PX4 and ArduPilot take 0.6 to 0.8 s to half of a step of 2 m/s."""
+    open_air: bool = False
+    """Fly without rangefinders; only where nothing can be run into within `limits.radius_m`."""
+    ready_timeout_s: float = Field(default=60.0, gt=0.0, le=3600.0)
+    """Longest wait for an autopilot that is ready to arm, in seconds.
+
+    ArduPilot takes about 40 s from power-up; a cold GNSS receiver takes minutes."""
     return_home: bool = True
     """Fly back to the own start when the exploration ends; else land where it is."""
     return_timeout_s: float = Field(default=240.0, ge=0.0, le=3600.0)
@@ -42,7 +48,7 @@ class Limits(Section):
     wall_m: float = Field(default=0.5, ge=0.1, le=20.0)
     """Distance kept to walls, in metres; must stay below `planner.avoid_distance_m`."""
     battery_reserve: float = Field(default=0.25, ge=0.0, lt=1.0)
-    """Charge (0 to 1) at which a vehicle flies home; larger comes home earlier."""
+    """Charge (0 to 1) to be home with; the way home is added. Larger comes home earlier."""
     battery_critical: float = Field(default=0.12, ge=0.0, lt=1.0)
     """Charge (0 to 1) at which a vehicle lands where it is; below `battery_reserve`."""
     range_stale_s: float = Field(default=0.5, gt=0.0, le=10.0)
@@ -50,7 +56,7 @@ class Limits(Section):
     link_hold_s: float = Field(default=1.0, gt=0.0, le=60.0)
     """Silence of the autopilot, in seconds, after which the vehicle is told to hold."""
     link_lost_s: float = Field(default=5.0, gt=0.0, le=600.0)
-    """Silence of the autopilot, in seconds, after which its link counts as lost."""
+    """Silence of the autopilot, in seconds, after which its link counts as lost: setpoints stop."""
     planner_stall_s: float = Field(default=1.0, gt=0.0, le=60.0)
     """Age of the plan, in seconds, at which the stream of setpoints becomes a hold."""
     max_time_s: float = Field(default=1800.0, gt=0.0, le=86_400.0)

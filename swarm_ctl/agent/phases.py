@@ -22,6 +22,7 @@ class Phase(StrEnum):
     YIELDED = "yielded"
     DONE = "done"
     FAILED = "failed"
+    LOST = "lost"
 
 
 class Cause(StrEnum):
@@ -35,6 +36,7 @@ class Cause(StrEnum):
     CLEAR = "clear"
     HOLD = "hold"
     RECOVERED = "recovered"
+    SILENT = "silent"
     RETURN = "return"
     LAND = "land"
     HOME = "home"
@@ -61,6 +63,7 @@ TABLE: dict[tuple[Phase, Cause], Phase] = {
     (P.ARMING, C.FAULT): P.FAILED,
     (P.TAKEOFF, C.AIRBORNE): P.EXPLORING,
     (P.TAKEOFF, C.LAND): P.LANDING,
+    (P.TAKEOFF, C.SILENT): P.LOST,
     (P.TAKEOFF, C.PILOT): P.YIELDED,
     (P.TAKEOFF, C.DISARMED): P.FAILED,
     (P.TAKEOFF, C.FAULT): P.FAILED,
@@ -68,6 +71,7 @@ TABLE: dict[tuple[Phase, Cause], Phase] = {
     (P.EXPLORING, C.HOLD): P.HOLDING,
     (P.EXPLORING, C.RETURN): P.RETURNING,
     (P.EXPLORING, C.LAND): P.LANDING,
+    (P.EXPLORING, C.SILENT): P.LOST,
     (P.EXPLORING, C.PILOT): P.YIELDED,
     (P.EXPLORING, C.DISARMED): P.FAILED,
     (P.EXPLORING, C.FAULT): P.FAILED,
@@ -75,34 +79,47 @@ TABLE: dict[tuple[Phase, Cause], Phase] = {
     (P.AVOIDING, C.HOLD): P.HOLDING,
     (P.AVOIDING, C.RETURN): P.RETURNING,
     (P.AVOIDING, C.LAND): P.LANDING,
+    (P.AVOIDING, C.SILENT): P.LOST,
     (P.AVOIDING, C.PILOT): P.YIELDED,
     (P.AVOIDING, C.DISARMED): P.FAILED,
     (P.AVOIDING, C.FAULT): P.FAILED,
     (P.HOLDING, C.RECOVERED): P.EXPLORING,
     (P.HOLDING, C.RETURN): P.RETURNING,
     (P.HOLDING, C.LAND): P.LANDING,
+    (P.HOLDING, C.SILENT): P.LOST,
     (P.HOLDING, C.PILOT): P.YIELDED,
     (P.HOLDING, C.DISARMED): P.FAILED,
     (P.HOLDING, C.FAULT): P.FAILED,
     (P.RETURNING, C.HOME): P.LANDING,
     (P.RETURNING, C.HOLD): P.HOLDING,
     (P.RETURNING, C.LAND): P.LANDING,
+    (P.RETURNING, C.SILENT): P.LOST,
     (P.RETURNING, C.PILOT): P.YIELDED,
     (P.RETURNING, C.DISARMED): P.FAILED,
     (P.RETURNING, C.FAULT): P.FAILED,
     (P.LANDING, C.DISARMED): P.DONE,
+    (P.LANDING, C.SILENT): P.LOST,
     (P.LANDING, C.PILOT): P.YIELDED,
     (P.LANDING, C.FAULT): P.FAILED,
     (P.YIELDED, C.RESUMED): P.ARMING,
     (P.YIELDED, C.DISARMED): P.DONE,
     (P.YIELDED, C.LAND): P.LANDING,
     (P.YIELDED, C.FAULT): P.FAILED,
+    (P.LOST, C.RECOVERED): P.HOLDING,
+    (P.LOST, C.LAND): P.LANDING,
+    (P.LOST, C.PILOT): P.YIELDED,
+    (P.LOST, C.DISARMED): P.DONE,
+    (P.LOST, C.FAULT): P.FAILED,
 }
 
 ENDED = frozenset({P.DONE, P.FAILED})
 """Nothing leads out of these."""
 STEERING = frozenset({P.EXPLORING, P.AVOIDING, P.HOLDING, P.RETURNING})
 """The controller steers: setpoints stream, and a lost mode means that a pilot took over."""
+STREAMING = STEERING | {P.ARMING, P.TAKEOFF}
+"""The only phases in which a setpoint may leave."""
+SILENT = frozenset({P.YIELDED, P.LOST}) | ENDED
+"""The controller listens and tells its peers; its autopilot hears neither setpoint nor command."""
 
 
 def advance(phase: Phase, cause: Cause) -> Phase:

@@ -9,6 +9,7 @@ import numpy as np
 
 from swarm_ctl.agent.beacon import SUMMARY_TYPE, TRAIL_TYPE
 from swarm_ctl.agent.peers import PeerTable
+from swarm_ctl.agent.phases import Phase
 from swarm_ctl.explore.explorer import Explorer
 from swarm_ctl.model import Vec3
 
@@ -23,6 +24,8 @@ SCAN_M = 2.0
 """Scanner hits farther than this are left for later, when they are seen more exactly."""
 PEER_M = 0.6
 """Hits this close to a peer are the peer."""
+_BEFORE_START = frozenset({Phase.CONNECTING, Phase.READY})
+"""A peer's frame begins where it stands when it is armed; what it tells before is none of it."""
 
 
 class Sharing:
@@ -56,7 +59,7 @@ class Sharing:
         d = self._dimensions
         for sysid, peer in met:
             beacon = peer.beacon
-            if beacon is None:
+            if beacon is None or beacon.phase in _BEFORE_START:
                 continue
             age_s = peer.fixed_s - peer.beacon_s + LATENCY_S
             moved = zip(beacon.position_ned_m, beacon.velocity_ned_m_s, strict=True)

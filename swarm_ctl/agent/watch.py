@@ -2,43 +2,69 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from swarm_ctl.agent.endurance import Endurance
 from swarm_ctl.agent.failsafe import Health, Verdict, verdict
 from swarm_ctl.agent.phases import STEERING, Cause, Phase
 
 if TYPE_CHECKING:
     from swarm_ctl.agent.agent import Agent
 
-CONNECT_S = 60.0
-"""Longest wait for a vehicle that is ready to arm; ArduPilot takes about 40 s from power-up."""
 MODE_LAG_S = 2.0
 """PX4's heartbeat tells a mode up to a second late."""
 FAILSAFE_S = 5.0
 """PX4 leaves offboard when the stream was lost, and takes it up again when it is back."""
+GONE_S = 60.0
+"""An autopilot silent for so long is given up: its own failsafe has brought it down by then."""
+JUMP_HOLD_S = 2.0
+"""How long a vehicle waits, after its position has jumped, whether it does so again."""
+OUTSIDE_M = 0.5
+"""Beyond the fence by more than an overshoot."""
 TIME_OVER = "exploration time is over"
 
 _EXPLORING = frozenset({Phase.EXPLORING, Phase.AVOIDING})
+_AIRBORNE = frozenset({Phase.TAKEOFF, Phase.LANDING, *STEERING})
+
+
+@dataclass(slots=True)
+class Vigil:
+    """What is remembered from one look to the next."""
+
+    mode_lost_s: float | None = None
+    """Since when the autopilot has said that it obeys setpoints no longer."""
+    outside_s: float | None = None
+    """Since when the vehicle has been outside its fence."""
+    is_crowded: bool = False
+    """Whether a peer is much too close."""
+    was_landing: bool = False
+    """Whether the vehicle was landing when its link was lost."""
+    endurance: Endurance = field(default_factory=Endurance)
 
 
 def watch(agent: Agent) -> None:
     """Change the phase when something outside the plan demands it."""
     if agent.phase in {Phase.CONNECTING, Phase.READY}:
-        if agent.phase is Phase.CONNECTING and agent.in_phase_s > CONNECT_S:
-            agent.enter(Cause.FAULT, f"not ready after {CONNECT_S:.0f} s: {missing(agent)}")
+        _watch_start(agent)
         return
     if agent.telemetry.is_offboard:
-        agent.mode_lost_s = None
-    elif agent.mode_lost_s is None:
-        agent.mode_lost_s = agent.telemetry.heartbeat_s
+        agent.vigil.mode_lost_s = None
+    elif agent.vigil.mode_lost_s is None:
+        agent.vigil.mode_lost_s = agent.telemetry.heartbeat_s
     health = _health(agent)
+    if agent.phase in {Phase.LOST, Phase.YIELDED}:
+        _watch_from_afar(agent, health.silent_s)
+        return
     judged = verdict(health, agent.orders.limits)
-    if judged is not None and judged.cause is Cause.FAULT:
+    if judged is not None and judged.cause is Cause.SILENT:
         agent.note("LinkLost", silent_s=round(health.silent_s, 2))
-        agent.enter(*judged)
-    elif _pilot_took_over(agent):
         agent.commands.clear()
-        agent.enter(Cause.PILOT, f"the pilot chose {agent.telemetry.mode_name}")
+        agent.enter(Cause.SILENT if agent.phase in _AIRBORNE else Cause.FAULT, judged.reason)
+    elif _has_lost_the_stick(agent):
+        agent.commands.clear()
+        agent.enter(Cause.PILOT, _who_has_it(agent))
     elif agent.phase in STEERING:
         _watch_flight(agent, judged)
 
@@ -46,33 +72,75 @@ def watch(agent: Agent) -> None:
 def missing(agent: Agent) -> str:
     """Name what keeps the vehicle from being ready; empty when nothing does."""
     telemetry, fresh_s = agent.telemetry, agent.now - 2.0
+    needs_ranges = not agent.orders.flight.open_air
     lacks = {
         "heartbeat": telemetry.heartbeat_s < fresh_s,
         "autopilot that is PX4 or ArduPilot": telemetry.autopilot is None,
         "local position": telemetry.position_s < fresh_s,
         "attitude": telemetry.attitude_s < fresh_s,
-        "rangefinders front, back, left and right": min(telemetry.ranges_s[:4]) < fresh_s,
+        "rangefinders front, back, left and right (only `open_air` flies without)": needs_ranges
+        and min(telemetry.ranges_s[:4]) < fresh_s,
+        "trust in its own position": telemetry.estimate_ok is False,
         "readiness to arm": not telemetry.is_ready,
     }
     return next((f"no {what}" for what, is_lacking in lacks.items() if is_lacking), "")
 
 
+def _watch_start(agent: Agent) -> None:
+    wait_s = agent.orders.flight.ready_timeout_s
+    if agent.phase is Phase.CONNECTING and agent.in_phase_s > wait_s:
+        agent.enter(Cause.FAULT, f"not ready after {wait_s:.0f} s: {missing(agent)}")
+
+
+def _watch_from_afar(agent: Agent, silent_s: float) -> None:
+    """Watch a vehicle that is not ours to steer now: its link is lost, or somebody flies it."""
+    telemetry = agent.telemetry
+    if silent_s > GONE_S:
+        agent.enter(Cause.FAULT, f"nothing heard from its autopilot for {silent_s:.0f} s")
+    elif agent.phase is Phase.YIELDED or telemetry.heartbeat_s <= agent.entered_s:
+        return
+    elif not telemetry.armed:
+        agent.enter(Cause.DISARMED, f"{agent.reason}; it was on the ground when it was heard again")
+    elif telemetry.is_offboard or telemetry.is_failsafe:
+        agent.vigil.mode_lost_s = None
+        agent.note("LinkRegained")
+        agent.enter(*_after_silence(agent))
+    else:
+        agent.enter(Cause.PILOT, _who_has_it(agent))
+
+
+def _after_silence(agent: Agent) -> Verdict:
+    words = "its link is back"
+    return Verdict(Cause.LAND if agent.vigil.was_landing else Cause.RECOVERED, words)
+
+
 def _watch_flight(agent: Agent, judged: Verdict | None) -> None:
+    _watch_peers(agent)
     if not agent.telemetry.armed:
         agent.enter(Cause.DISARMED, "the vehicle disarmed in flight")
-        return
-    if judged is not None:
-        already = (judged.cause, agent.phase) in {
-            (Cause.HOLD, Phase.HOLDING),
-            (Cause.RETURN, Phase.RETURNING),
-        }
-        if not already:
+    elif judged is not None and judged.cause in {Cause.LAND, Cause.HOLD}:
+        if (judged.cause, agent.phase) != (Cause.HOLD, Phase.HOLDING):
             agent.enter(*judged)
-    elif _is_time_up(agent) and agent.phase is not Phase.RETURNING:
+    elif agent.phase is Phase.RETURNING or agent.is_paused:
+        return
+    elif judged is not None or agent.homebound:
+        agent.enter(Cause.RETURN, judged.reason if judged else agent.homebound)
+    elif _is_time_up(agent):
         home = agent.orders.flight.return_home
         agent.enter(Cause.RETURN if home else Cause.LAND, TIME_OVER)
-    elif agent.phase is Phase.HOLDING and not agent.is_paused:
+    elif agent.phase is Phase.HOLDING:
         agent.enter(Cause.RECOVERED, "all well again")
+
+
+def _watch_peers(agent: Agent) -> None:
+    """Note a peer at less than half of the separation; the last word pushes the two apart."""
+    separation_m = agent.orders.limits.separation_m
+    nearest_m = min((math.hypot(*peer.offset_ned_m) for peer in agent.neighbours), default=math.inf)
+    if nearest_m < 0.5 * separation_m and not agent.vigil.is_crowded:
+        agent.vigil.is_crowded = True
+        agent.note("PeerTooClose", distance_m=round(nearest_m, 2))
+    elif nearest_m > separation_m:
+        agent.vigil.is_crowded = False
 
 
 def _health(agent: Agent) -> Health:
@@ -81,15 +149,41 @@ def _health(agent: Agent) -> Health:
     plans = agent.phase in _EXPLORING or agent.has_plan_failed
     waits = agent.phase is Phase.HOLDING and not agent.is_paused
     battery = telemetry.battery_fraction
+    if battery is not None and agent.phase in STEERING and agent.vigil.endurance.is_due(now):
+        speed_m_s = agent.orders.flight.speed_m_s
+        agent.vigil.endurance.sample(battery, agent.trail.length_m(), speed_m_s, now)
     return Health(
         silent_s=now - telemetry.heard_s,
         position_age_s=now - min(telemetry.position_s, telemetry.attitude_s),
-        range_age_s=now - min(telemetry.ranges_s[:4]),
+        range_age_s=0.0 if agent.orders.flight.open_air else now - min(telemetry.ranges_s[:4]),
         plan_age_s=now - planned_s if plans else 0.0,
         holding_s=agent.in_phase_s if waits else 0.0,
         mission_s=now,
         battery_fraction=1.0 if battery is None else battery,
+        way_home_fraction=agent.vigil.endurance.needed,
+        outside_s=_outside_s(agent),
+        estimate=_estimate_trouble(agent),
     )
+
+
+def _outside_s(agent: Agent) -> float:
+    (x, y, z), limits = agent.telemetry.position_ned_m, agent.orders.limits
+    is_outside = max(math.hypot(x, y) - limits.radius_m, -z - limits.ceiling_m) > OUTSIDE_M
+    if not is_outside:
+        agent.vigil.outside_s = None
+    elif agent.vigil.outside_s is None:
+        agent.vigil.outside_s = agent.now
+        agent.note("FenceLeft", position_ned_m=[round(metres, 2) for metres in (x, y, z)])
+    return 0.0 if agent.vigil.outside_s is None else agent.now - agent.vigil.outside_s
+
+
+def _estimate_trouble(agent: Agent) -> str:
+    telemetry = agent.telemetry
+    if telemetry.estimate_ok is False:
+        return "its estimator does not trust its position"
+    if agent.now - telemetry.jump_s < JUMP_HOLD_S:
+        return f"its position jumped by {telemetry.jump_m:.1f} m"
+    return ""
 
 
 def _is_time_up(agent: Agent) -> bool:
@@ -97,18 +191,27 @@ def _is_time_up(agent: Agent) -> bool:
     return begun_s is not None and agent.now - begun_s >= agent.orders.duration_s
 
 
-def _pilot_took_over(agent: Agent) -> bool:
+def _who_has_it(agent: Agent) -> str:
+    telemetry = agent.telemetry
+    who = "its autopilot's own failsafe" if telemetry.is_failsafe else "the pilot"
+    return f"{who} chose {telemetry.mode_name}"
+
+
+def _has_lost_the_stick(agent: Agent) -> bool:
+    """Whether the autopilot has left the mode we chose; right after our choice it tells late."""
     telemetry, pilot = agent.telemetry, agent.telemetry.autopilot
-    if pilot is None or telemetry.heartbeat_s <= agent.entered_s + MODE_LAG_S:
+    has_told = telemetry.heartbeat_s > agent.entered_s + MODE_LAG_S
+    if pilot is None:
         return False
     match agent.phase:
         case Phase.LANDING:
             ours = telemetry.is_offboard or telemetry.custom_mode == pilot.land_mode
-            return telemetry.armed and not ours
+            return has_told and telemetry.armed and not ours
         case Phase.ARMING:
-            return agent.was_offboard and not telemetry.is_offboard
-        case _:
+            return has_told and agent.was_offboard and not telemetry.is_offboard
+        case Phase.TAKEOFF | Phase.EXPLORING | Phase.AVOIDING | Phase.HOLDING | Phase.RETURNING:
             grace_s = FAILSAFE_S if telemetry.is_failsafe else 0.0
-            if agent.mode_lost_s is None or telemetry.heartbeat_s - agent.mode_lost_s < grace_s:
-                return False
-            return agent.phase in {Phase.TAKEOFF, *STEERING}
+            lost_s = agent.vigil.mode_lost_s
+            return lost_s is not None and telemetry.heartbeat_s - lost_s >= grace_s
+        case _:
+            return False

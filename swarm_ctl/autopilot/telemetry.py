@@ -44,6 +44,8 @@ CUSTOM_ORIENTATION = 100
 BODY_FRD = 12
 STEADY_RAD_S = 0.3
 """A scan taken while the vehicle turns faster is smeared: 0.1 s late is 2 degrees off."""
+JUMP_M, JUMP_WITHIN_S = 1.0, 1.0
+"""A position this far from where the last one and the velocity lead to has jumped."""
 PREARM_CHECK = 0x10000000
 """MAV_SYS_STATUS_PREARM_CHECK: healthy when the vehicle would arm."""
 STANDBY, ACTIVE, CRITICAL, TERMINATED = 3, 4, 5, 8
@@ -82,7 +84,10 @@ class Telemetry:
         self.custom_mode = -1
         self.system_status = 0
         self.prearm_ok = False
+        self.start_ned_m = ZERO
+        """Where the vehicle stood before take-off, in its estimator's own frame."""
         self.position_ned_m = ZERO
+        """From the start."""
         self.velocity_ned_m_s = ZERO
         self.yaw_rate_rad_s = 0.0
         self.attitude_rad = ZERO
@@ -92,6 +97,11 @@ class Telemetry:
         self.scan_m: list[Vec3] = []
         """What the scanner hit, from the vehicle, level, along north and east."""
         self.scan_s = -math.inf
+        self.jump_m = 0.0
+        """By how much the estimate jumped last, and when."""
+        self.jump_s = -math.inf
+        self.estimate_ok: bool | None = None
+        """Whether the estimator trusts its position; None when it does not tell."""
         self.battery_fraction: float | None = None
         self.peer_fixes: list[PeerFix] = []
         self.victim_fixes: list[VictimFix] = []
@@ -139,6 +149,12 @@ class Telemetry:
         """Heading, clockwise from north."""
         return self.attitude_rad.z
 
+    def start_here(self) -> None:
+        """Make the place where the vehicle is the origin of its positions."""
+        start, place = self.start_ned_m, self.position_ned_m
+        self.start_ned_m = Vec3(start.x + place.x, start.y + place.y, start.z + place.z)
+        self.position_ned_m = ZERO
+
     def receive(self, frame: wire.Frame, now: float) -> None:
         """Take one frame of the vehicle's own autopilot or radio."""
         if frame.compid == RADIO_COMPONENT:
@@ -172,11 +188,18 @@ class Telemetry:
             self.attitude_s = now
 
     def _local_position(self, values: Any, now: float) -> None:
-        position = Vec3(values.x, values.y, values.z)
+        start = self.start_ned_m
+        position = Vec3(values.x - start.x, values.y - start.y, values.z - start.z)
         velocity = Vec3(values.vx, values.vy, values.vz)
-        if all(map(math.isfinite, (*position, *velocity))):
-            self.position_ned_m, self.velocity_ned_m_s = position, velocity
-            self.position_s = now
+        if not all(map(math.isfinite, (*position, *velocity))):
+            return
+        age_s = now - self.position_s
+        if age_s < JUMP_WITHIN_S:
+            jump_m = math.dist(position, self.position_ned_m) - age_s * math.hypot(*velocity)
+            if jump_m > JUMP_M:
+                self.jump_m, self.jump_s = jump_m, now
+        self.position_ned_m, self.velocity_ned_m_s = position, velocity
+        self.position_s = now
 
     def _distance(self, values: Any, now: float) -> None:
         index = RANGE_BY_ORIENTATION.get(values.orientation)

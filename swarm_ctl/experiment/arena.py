@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from mock_vehicle.errors import MockVehicleError
@@ -12,7 +13,7 @@ from mock_vehicle.vehicle import personalities
 from mock_vehicle.world import load_world
 from swarm_ctl.controller import KILLED
 from swarm_ctl.errors import MockError
-from swarm_ctl.flight import TRUTH, Faults, controllers_for
+from swarm_ctl.flight import GRACE_S, MOCK_DIED, TRUTH, Faults, controllers_for
 from swarm_ctl.mission import Mission
 from swarm_ctl.model import Operator
 from swarm_ctl.record.folder import RunFolder
@@ -31,6 +32,9 @@ class Arena:
         self.notes: list[str] = []
         self.fleet = _fleet(mission, faults)
         self._is_mock_alive = True
+        self._given_up_s = math.inf
+        """When vehicles of a dead mock are given up."""
+        self._link_lost_s = mission.limits.link_lost_s
         self._folder = folder
         self._kills = list(faults.controllers)
         self._step = 0
@@ -58,6 +62,9 @@ class Arena:
             self.controllers[sysid - 1].kill(KILLED, now)
         if self._is_mock_alive:
             self._step_fleet(now)
+        elif now >= self._given_up_s:
+            for controller in self.controllers:
+                controller.kill(MOCK_DIED, now)
         for controller in self.controllers[self._step % STEPS_PER_TICK :: STEPS_PER_TICK]:
             try:
                 data = controller.tick(now)
@@ -83,6 +90,7 @@ class Arena:
             datagrams = self.fleet.step(now)
         except FleetKilled:
             self._is_mock_alive = False
+            self._given_up_s = now + self._link_lost_s + GRACE_S
             self.notes.append(f"the mock fleet died at {now:.1f} s")
             return
         for index, data in datagrams:

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -24,17 +25,20 @@ def test_a_healthy_vehicle_flies_on() -> None:
 @pytest.mark.parametrize(
     ("trouble", "value", "cause", "words"),
     [
-        ("silent_s", 5.1, Cause.FAULT, "nothing heard from its autopilot for 5.1 s"),
+        ("silent_s", 5.1, Cause.SILENT, "nothing heard from its autopilot for 5.1 s"),
         ("battery_fraction", 0.1, Cause.LAND, "battery critical at 10%"),
         ("mission_s", 1801.0, Cause.LAND, "longest mission time reached at 1801 s"),
         ("holding_s", 11.0, Cause.LAND, "held for 11 s without recovery"),
         ("position_age_s", 1.2, Cause.HOLD, "no position for 1.2 s"),
         ("range_age_s", 0.7, Cause.HOLD, "no rangefinder for 0.7 s"),
         ("plan_age_s", 1.5, Cause.HOLD, "no plan for 1.5 s"),
-        ("battery_fraction", 0.2, Cause.RETURN, "battery low at 20%"),
+        ("battery_fraction", 0.2, Cause.RETURN, "battery low at 20%, the way home takes 0%"),
+        ("way_home_fraction", 0.7, Cause.RETURN, "battery low at 90%, the way home takes 70%"),
+        ("outside_s", 11.0, Cause.LAND, "outside its fence for 11 s"),
+        ("estimate", "its position jumped", Cause.HOLD, "its position jumped"),
     ],
 )
-def test_each_trouble_has_its_answer(trouble: str, value: float, cause: Cause, words: str) -> None:
+def test_each_trouble_has_its_answer(trouble: str, value: Any, cause: Cause, words: str) -> None:
     judged = verdict(replace(WELL, **{trouble: value}), Limits())
     assert judged == (cause, words)
 
