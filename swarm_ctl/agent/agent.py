@@ -248,16 +248,19 @@ class Agent:
                 np.array([self.telemetry.ranges_m]),
                 np.array([offset[:dimensions] for offset in offsets]).reshape(1, -1, dimensions),
             )
+            velocity = _vec3(plan.velocity_m_s[0].tolist(), 0.0)
+            yaw_rad = float(plan.heading_rad[0])
+            if not all(map(math.isfinite, (*velocity, yaw_rad))):
+                raise ValueError(f"a plan that is no number: {velocity}, {yaw_rad}")  # noqa: TRY301
         except Exception as error:  # noqa: BLE001 - whatever breaks in a planner, hold
             if not self.has_plan_failed:
                 self.note("PlannerFailed", error=f"{type(error).__name__}: {error}")
             self.has_plan_failed = True
             return
         self.plan_s, self.has_plan_failed = self.now, False
-        self.planned_ned_m_s = _vec3(plan.velocity_m_s[0].tolist(), 0.0)
+        self.planned_ned_m_s, self.yaw_rad = velocity, yaw_rad
         if plan.is_new[0]:
             self.target_ned_m = _vec3(plan.target_m[0].tolist(), place.z)
-        self.yaw_rad = float(plan.heading_rad[0])
         match self.phase, bool(plan.avoiding[0]):
             case Phase.EXPLORING, True:
                 self.enter(Cause.OBSTACLE, "")

@@ -210,7 +210,8 @@ def _has_lost_the_stick(agent: Agent) -> bool:
         case Phase.ARMING:
             return has_told and agent.was_offboard and not telemetry.is_offboard
         case Phase.TAKEOFF | Phase.EXPLORING | Phase.AVOIDING | Phase.HOLDING | Phase.RETURNING:
-            grace_s = FAILSAFE_S if telemetry.is_failsafe else 0.0
+            may_resume = telemetry.is_failsafe and pilot.resumes_from_failsafe
+            grace_s = FAILSAFE_S if may_resume else 0.0
             lost_s = agent.vigil.mode_lost_s
             return lost_s is not None and telemetry.heartbeat_s - lost_s >= grace_s
         case _:

@@ -27,5 +27,6 @@ ARDUPILOT = Autopilot(
     offboard_parameters=(float(GUIDED), 0.0),
     land_mode=LAND,
     takeoff_by_command=True,
+    resumes_from_failsafe=False,
     mode_names=COPTER_MODES,
 )

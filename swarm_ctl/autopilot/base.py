@@ -26,6 +26,8 @@ class Autopilot:
     """HEARTBEAT.custom_mode while it lands by itself."""
     takeoff_by_command: bool
     """Climbs on NAV_TAKEOFF and must not hear a setpoint meanwhile; else climbs on setpoints."""
+    resumes_from_failsafe: bool
+    """Comes back to the offboard mode by itself when it left it for want of setpoints."""
     mode_names: Mapping[int, str]
 
     def mode_name(self, custom_mode: int) -> str:

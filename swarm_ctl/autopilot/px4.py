@@ -16,6 +16,7 @@ PX4 = Autopilot(
     offboard_parameters=(float(OFFBOARD), 0.0),
     land_mode=AUTO << 16 | AUTO_LAND << 24,
     takeoff_by_command=False,
+    resumes_from_failsafe=True,
     mode_names={main << 16: name for main, name in MAIN_MODES.items()}
     | {AUTO << 16 | sub << 24: f"AUTO.{name}" for sub, name in AUTO_MODES.items()},
 )

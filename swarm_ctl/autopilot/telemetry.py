@@ -46,6 +46,8 @@ STEADY_RAD_S = 0.3
 """A scan taken while the vehicle turns faster is smeared: 0.1 s late is 2 degrees off."""
 JUMP_M, JUMP_WITHIN_S = 1.0, 1.0
 """A position this far from where the last one and the velocity lead to has jumped."""
+MOVING_M_S = 0.05
+"""Who moves and is where it was has telemetry that hangs."""
 PREARM_CHECK = 0x10000000
 """MAV_SYS_STATUS_PREARM_CHECK: healthy when the vehicle would arm."""
 STANDBY, ACTIVE, CRITICAL, TERMINATED = 3, 4, 5, 8
@@ -102,6 +104,7 @@ class Telemetry:
         self.jump_s = -math.inf
         self.estimate_ok: bool | None = None
         """Whether the estimator trusts its position; None when it does not tell."""
+        self._boot_ms: dict[str, int] = {}
         self.battery_fraction: float | None = None
         self.peer_fixes: list[PeerFix] = []
         self.victim_fixes: list[VictimFix] = []
@@ -180,9 +183,15 @@ class Telemetry:
         if values.battery_remaining >= 0:
             self.battery_fraction = values.battery_remaining / 100.0
 
+    def _is_repeated(self, message: str, boot_ms: int) -> bool:
+        """Whether a stream has stopped and says the same again and again."""
+        before, self._boot_ms[message] = self._boot_ms.get(message), boot_ms
+        return boot_ms == before != 0
+
     def _attitude(self, values: Any, now: float) -> None:
         attitude = Vec3(values.roll, values.pitch, values.yaw)
-        if all(map(math.isfinite, attitude)):
+        is_repeated = self._is_repeated("ATTITUDE", values.time_boot_ms)
+        if all(map(math.isfinite, attitude)) and not is_repeated:
             self.attitude_rad = attitude
             self.yaw_rate_rad_s = values.yawspeed
             self.attitude_s = now
@@ -191,7 +200,10 @@ class Telemetry:
         start = self.start_ned_m
         position = Vec3(values.x - start.x, values.y - start.y, values.z - start.z)
         velocity = Vec3(values.vx, values.vy, values.vz)
-        if not all(map(math.isfinite, (*position, *velocity))):
+        is_repeated = self._is_repeated("LOCAL_POSITION_NED", values.time_boot_ms)
+        if math.hypot(*velocity) > MOVING_M_S:
+            is_repeated |= (position, velocity) == (self.position_ned_m, self.velocity_ned_m_s)
+        if is_repeated or not all(map(math.isfinite, (*position, *velocity))):
             return
         age_s = now - self.position_s
         if age_s < JUMP_WITHIN_S:
