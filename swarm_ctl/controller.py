@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from typing import Protocol
 
 from swarm_ctl.agent.agent import Agent
+from swarm_ctl.link import Link, Source
 from swarm_ctl.model import Operator, Vec3
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.summary import VehicleResult
@@ -107,37 +107,22 @@ class Clock:
         await asyncio.sleep(max(0.0, (moment_s - self.now()) / self.speed))
 
 
-class Link(Protocol):
-    """What a controller needs of its way to the autopilot."""
-
-    def fileno(self) -> int:
-        """Give the descriptor to watch."""
-
-    def send(self, data: bytes) -> bool:
-        """Send without blocking; False when it did not leave."""
-
-    def drain(self) -> list[bytes]:
-        """Give what arrived."""
-
-
 async def fly(controller: Controller, link: Link, clock: Clock, *, offset_s: float = 0.0) -> None:
     """Fly one vehicle over a link until its mission ends.
 
     Deadlines are absolute, so ticks do not drift; a tick that was missed is left out, so a
     process that stalled does not send a burst of stale setpoints. `offset_s` spreads vehicles.
     """
-    loop = asyncio.get_running_loop()
     broken: list[Exception] = []
 
-    def read() -> None:
+    def hear(data: bytes, _source: Source) -> None:
         try:
-            for data in link.drain():
+            if not broken:
                 controller.receive(data, clock.now())
         except Exception as error:  # noqa: BLE001 - raised where this vehicle's task can end by it
-            loop.remove_reader(link.fileno())
             broken.append(error)
 
-    loop.add_reader(link.fileno(), read)
+    link.watch(hear)
     try:
         due_s = clock.now() + offset_s
         while not controller.agent.is_ended:
@@ -150,4 +135,4 @@ async def fly(controller: Controller, link: Link, clock: Clock, *, offset_s: flo
                 link.send(data)
             due_s += TICK_S * max(1, 1 + int((now - due_s) / TICK_S))
     finally:
-        loop.remove_reader(link.fileno())
+        link.close()

@@ -1,11 +1,13 @@
-"""UDP between a controller and its autopilot; addresses as MAVSDK writes them."""
+"""UDP between a controller and its autopilot."""
 
 from __future__ import annotations
 
+import asyncio
 import socket
-from urllib.parse import urlsplit
 
 from swarm_ctl.errors import SwarmError
+from swarm_ctl.link.base import Heard, Source
+from swarm_ctl.link.url import parse
 
 DATAGRAM_BYTES = 2048
 """Larger than any datagram a vehicle sends; a small buffer is several times faster to receive."""
@@ -23,9 +25,10 @@ class UdpLink:
 
     def __init__(self, url: str) -> None:
         self.url = url
-        scheme, host, port = _parse(url)
+        scheme, host, port = parse(url)
         self._is_listening = scheme == "udpin"
-        self._peer: tuple[str, int] | None = None
+        self._peer: Source | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
         try:
             address = (
                 socket.gethostbyname(host),
@@ -45,48 +48,46 @@ class UdpLink:
             self._peer = address
 
     def fileno(self) -> int:
-        """Give the descriptor an event loop watches."""
+        """Give the descriptor of the socket, -1 when it is closed."""
         return self._socket.fileno()
 
-    def send(self, data: bytes) -> bool:
+    def watch(self, heard: Heard) -> None:
+        """Let the running event loop give every datagram to `heard`, until the link is closed."""
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._socket.fileno(), self._read, heard)
+
+    def send(self, data: bytes, to: Source | None = None) -> bool:
         """Send one datagram; False when it could not leave (nobody known yet, buffer full)."""
-        if self._peer is None:
+        address = to or self._peer
+        if address is None:
             return False
         try:
-            self._socket.sendto(data, self._peer)
+            self._socket.sendto(data, address)
         except OSError:
             return False
         return True
 
-    def drain(self) -> list[bytes]:
-        """Give the datagrams that arrived, a bounded number at a time."""
-        datagrams = []
+    def drain(self) -> list[tuple[bytes, Source]]:
+        """Give the datagrams that arrived and who sent each, a bounded number at a time."""
+        arrived = []
         for _ in range(MOST_PER_WAKE_UP):
             try:
-                data, sender = self._socket.recvfrom(DATAGRAM_BYTES)
+                arrived.append(self._socket.recvfrom(DATAGRAM_BYTES))
             except BlockingIOError:
                 break
             except OSError:
                 continue  # the port we sent to is closed: told here by the kernel, counted nowhere
-            if self._is_listening:
-                self._peer = sender
-            datagrams.append(data)
-        return datagrams
+        if arrived and self._is_listening:
+            self._peer = arrived[-1][1]
+        return arrived
 
     def close(self) -> None:
         """Close the socket."""
+        if self._loop is not None:
+            self._loop.remove_reader(self._socket)
+            self._loop = None
         self._socket.close()
 
-
-def _parse(url: str) -> tuple[str, str, int]:
-    try:
-        parts = urlsplit(url)
-        port = parts.port
-    except ValueError as error:
-        raise SwarmError(f"{url}: {error}") from error
-    is_bare = parts.path in {"", "/"} and not parts.query
-    if parts.scheme not in {"udpin", "udpout"} or not parts.hostname or port is None or not is_bare:
-        raise SwarmError(f"{url}: expected udpin://HOST:PORT or udpout://HOST:PORT")
-    if parts.scheme == "udpout" and not port:
-        raise SwarmError(f"{url}: nobody listens on port 0")
-    return parts.scheme, parts.hostname, port
+    def _read(self, heard: Heard) -> None:
+        for data, sender in self.drain():
+            heard(data, sender)

@@ -1,0 +1,60 @@
+"""Addresses of links, as MAVSDK writes them."""
+
+from __future__ import annotations
+
+import pytest
+
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.link.url import BAUD, Address, parse
+
+
+@pytest.mark.parametrize(
+    ("url", "address"),
+    [
+        ("udpin://0.0.0.0:14540", Address("udpin", "0.0.0.0", 14540)),  # noqa: S104 - read only
+        ("udpin://0.0.0.0:0", Address("udpin", "0.0.0.0", 0)),  # noqa: S104 - the same
+        ("udpout://192.168.1.12:14580/", Address("udpout", "192.168.1.12", 14580)),
+        ("tcpout://localhost:5760", Address("tcpout", "localhost", 5760)),
+        ("serial:///dev/ttyACM0:921600", Address("serial", "/dev/ttyACM0", 921600)),
+        ("serial:///dev/ttyACM0", Address("serial", "/dev/ttyACM0", BAUD)),
+        (
+            "serial:///dev/serial/by-id/usb-Auterion_PX4_FMU-if00:57600",
+            Address("serial", "/dev/serial/by-id/usb-Auterion_PX4_FMU-if00", 57600),
+        ),
+    ],
+)
+def test_an_address_is_read_as_mavsdk_reads_it(url: str, address: Address) -> None:
+    assert parse(url) == address
+
+
+@pytest.mark.parametrize(
+    ("url", "sentence"),
+    [
+        ("", "expected udpin://HOST:PORT, udpout://HOST:PORT, tcpout://HOST:PORT or serial:///"),
+        ("14540", "expected udpin://"),
+        ("127.0.0.1:14540", "expected udpin://"),
+        ("udp://:14540", "expected udpin://"),
+        ("tcpin://127.0.0.1:5760", "expected udpin://"),
+        ("udpin://", "expected udpin://HOST:PORT"),
+        ("udpin://127.0.0.1", "expected udpin://HOST:PORT"),
+        ("udpin://127.0.0.1:", "expected udpin://HOST:PORT"),
+        ("udpin://:14540", "expected udpin://HOST:PORT"),
+        ("udpin://127.0.0.1:14540/path", "expected udpin://HOST:PORT"),
+        ("tcpout://127.0.0.1", "expected tcpout://HOST:PORT"),
+        ("tcpout://127.0.0.1:0", "nobody listens on port 0"),
+        ("udpout://127.0.0.1:0", "nobody listens on port 0"),
+        ("udpin://127.0.0.1:port", "Port could not be cast"),
+        ("udpin://127.0.0.1:70000", "Port out of range"),
+        ("udpin://127.0.0.1:-1", "Port "),
+        ("udpin://[::1:14540", "Invalid IPv6 URL"),
+        ("serial://ttyACM0:57600", "expected serial:///DEVICE:BAUD"),
+        ("serial:///dev/ttyACM0:fast", "expected serial:///DEVICE:BAUD"),
+        ("serial:///dev/ttyACM0:", "expected serial:///DEVICE:BAUD"),
+        ("serial:///dev/ttyACM0:0", "expected serial:///DEVICE:BAUD"),
+    ],
+)
+def test_a_mistake_in_an_address_is_one_sentence_that_names_it(url: str, sentence: str) -> None:
+    with pytest.raises(SwarmError) as caught:
+        parse(url)
+    assert str(caught.value).startswith(f"{url}: {sentence}")
+    assert "\n" not in str(caught.value)
