@@ -27,7 +27,8 @@ from swarm_ctl.model import Operator
 from swarm_ctl.progress import ProgressView
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.summary import report_lines
-from swarm_ctl.run import STOP_SIGNALS, TWICE, UdpRun
+from swarm_ctl.run.fleet import STOP_SIGNALS, TWICE
+from swarm_ctl.run.mock import UdpRun
 from swarm_ctl.signing import KEY_VARIABLE, find_key
 
 if TYPE_CHECKING:

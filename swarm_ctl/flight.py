@@ -6,6 +6,7 @@ import math
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any, Literal, Self
 
 from swarm_ctl.agent.agent import Agent, Orders
@@ -17,6 +18,7 @@ from swarm_ctl.mission import Mission
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.plots import draw_pictures
 from swarm_ctl.record.summary import summarise, write_summary
+from swarm_ctl.signing import timestamp_of
 
 TRUTH = "truth"
 """The referee's part of a run folder; no controller reads it."""
@@ -58,8 +60,10 @@ class Faults:
         return cls(tuple(sorted(controllers)), tuple(mock))
 
 
-def controllers_for(mission: Mission, folder: RunFolder) -> list[Controller]:
-    """Build one controller per vehicle of a mission, sysids from 1."""
+def controllers_for(
+    mission: Mission, folder: RunFolder, sysids: Sequence[int] | None = None
+) -> list[Controller]:
+    """Build one controller per vehicle of a mission: of these sysids, or as many from 1 on."""
     orders = Orders(
         mission=mission.name,
         duration_s=mission.duration_s,
@@ -72,9 +76,15 @@ def controllers_for(mission: Mission, folder: RunFolder) -> list[Controller]:
         warm_up(mission.planner)
     spacing_s = mission.flight.start_spacing_s
     return [
-        Controller(index, Agent(index + 1, orders, start_delay_s=index * spacing_s), folder)
-        for index in range(mission.vehicles)
+        Controller(index, Agent(sysid, orders, start_delay_s=index * spacing_s), folder)
+        for index, sysid in enumerate(sysids or range(1, mission.vehicles + 1))
     ]
+
+
+def sign_with(key: bytes, controllers: Sequence[Controller], began: datetime) -> None:
+    """Let all controllers sign what they send; mission time 0 is when they began."""
+    for controller in controllers:
+        controller.agent.sign_with(key, timestamp_of(began))
 
 
 def discard(folder: RunFolder, *, is_ours: bool) -> None:

@@ -18,12 +18,13 @@ import numpy as np
 import pytest
 from pymavlink import mavutil  # noqa: TID251 - the reader of logs that everybody has
 
-import swarm_ctl.run
+import swarm_ctl.run.mock
 from swarm_ctl.flight import Faults, finish
 from swarm_ctl.link.udp import UdpLink
 from swarm_ctl.mission import load_mission
 from swarm_ctl.record.folder import RunFolder
-from swarm_ctl.run import STOP_SIGNALS, UdpRun
+from swarm_ctl.run.fleet import STOP_SIGNALS
+from swarm_ctl.run.mock import UdpRun
 
 pytestmark = pytest.mark.wire
 
@@ -344,7 +345,7 @@ class Swarm:
                 super().__init__(url)
                 swarm.links.append(self)
 
-        monkeypatch.setattr(swarm_ctl.run, "UdpLink", Known)
+        monkeypatch.setattr(swarm_ctl.run.mock, "UdpLink", Known)
 
     async def fly(self, progress: Callable[[UdpRun], None] = lambda _: None) -> dict[str, Any]:
         """Fly to the end; no task and no socket may be left."""

@@ -1,0 +1,103 @@
+"""What flies controllers over links: clock, interrupts, one task per vehicle, progress."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import signal
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from typing import Any
+
+from swarm_ctl.controller import Clock, Controller, fly
+from swarm_ctl.link import Link
+from swarm_ctl.model import Operator
+from swarm_ctl.record.folder import RunFolder
+
+REPORT_S = 0.25
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+TWICE = "interrupted twice: ended without waiting for the landings"
+
+
+class Fleet:
+    """Controllers on one clock, each with its own link; one that breaks never stops another."""
+
+    def __init__(
+        self, controllers: Sequence[Controller], folder: RunFolder, *, speed: float
+    ) -> None:
+        self.controllers = controllers
+        self.folder = folder
+        self.clock = Clock(speed)
+        self.notes: list[str] = []
+        self.interrupted = False
+
+    @property
+    def now(self) -> float:
+        """Give mission time."""
+        return self.clock.now()
+
+    def interrupt(self) -> None:
+        """Land everybody; asked twice, end at once."""
+        if not self.interrupted:
+            self.interrupted = True
+            for controller in self.controllers:
+                controller.order(Operator.LAND, self.now)
+        elif not all(controller.agent.is_ended for controller in self.controllers):
+            self.notes.append(TWICE)
+            for controller in self.controllers:
+                controller.kill(TWICE, self.now)
+
+    async def fly_over(
+        self,
+        links: Sequence[Link],
+        progress: Callable[[], None],
+        aside: Sequence[Coroutine[Any, Any, None]] = (),
+    ) -> None:
+        """Fly each vehicle over its link until all have ended; do what is aside as long."""
+        gc.collect()
+        gc.freeze()  # a collection of everything would hold up the setpoints
+        self.clock = Clock(self.clock.speed)
+        async with asyncio.TaskGroup() as group:
+            tasks = [group.create_task(work) for work in (self._report(progress), *aside)]
+            await self._fly_all(links)
+            for task in tasks:
+                task.cancel()
+
+    @contextlib.contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """Take Ctrl-C and SIGTERM for `interrupt` while this is open."""
+        loop = asyncio.get_running_loop()
+        before = {number: signal.getsignal(number) for number in STOP_SIGNALS}
+        for number in STOP_SIGNALS:
+            loop.add_signal_handler(number, self.interrupt)
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                loop.remove_signal_handler(number)
+                signal.signal(number, handler)
+
+    async def _fly_all(self, links: Sequence[Link]) -> None:
+        async with asyncio.TaskGroup() as vehicles:
+            for controller, link in zip(self.controllers, links, strict=True):
+                name = f"vehicle {controller.agent.sysid}"
+                vehicles.create_task(self._fly_one(controller, link), name=name)
+
+    async def _fly_one(self, controller: Controller, link: Link) -> None:
+        """Fly one vehicle; whatever breaks in it stays with it."""
+        offset_s = 0.1 * controller.index / len(self.controllers)
+        try:
+            await fly(controller, link, self.clock, offset_s=offset_s)
+        except Exception as error:  # noqa: BLE001 - one vehicle never stops another
+            controller.break_down(error, self.now)
+
+    async def _report(self, progress: Callable[[], None]) -> None:
+        while True:
+            try:
+                self.folder.tick(self.now)
+                progress()
+            except OSError as error:  # a full disk, a terminal that is gone: no reason to fall
+                note = f"not everything could be written: {error.strerror or error}"
+                if note not in self.notes:
+                    self.notes.append(note)
+            await asyncio.sleep(REPORT_S)
