@@ -32,6 +32,7 @@ from mock_vehicle.autopilot.parameter_service import ParameterService
 from mock_vehicle.autopilot.parameters import Parameters
 from mock_vehicle.autopilot.personality import Personality
 from mock_vehicle.autopilot.progress import Progress
+from mock_vehicle.autopilot.routing import Routes
 from mock_vehicle.autopilot.state import State
 from mock_vehicle.autopilot.traits import (
     FLIGHT_STATES,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 AUTOPILOT_COMPID = 1
 HEARTBEAT_ID = wire.message("HEARTBEAT").id
 TUNNEL_ID = wire.message("TUNNEL").id
+ACK_ID = wire.message("COMMAND_ACK").id
 STATUSTEXT = wire.message("STATUSTEXT")
 TEXT_LENGTH = 50
 GOLDEN = 0.618
@@ -118,7 +120,7 @@ class Autopilot(Personality):
         self.navigation = Navigation(self._site)
         self._timers: list[tuple[float, Callable[[float], None]]] = []
         self._boot_log = BootLog(self.announcements if self.is_talkative else ())
-        subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID}
+        subscribed = {*self.message_table, HEARTBEAT_ID, TUNNEL_ID, ACK_ID}
         phase = self.index * GOLDEN % 1.0 if self._rates == "full" else 0.0
         self.links = [
             Link(
@@ -131,6 +133,7 @@ class Autopilot(Personality):
         ]
         self.to: Sequence[Link] = self.links
         """The links that `send` serves at the moment."""
+        self.routes = Routes(self.sysid, AUTOPILOT_COMPID)
         self.mode = self.traits.first_mode
         self.armed = False
         self.landed_state = LandedState.ON_GROUND
@@ -274,9 +277,9 @@ class Autopilot(Personality):
         return refusal is None
 
     def receive(self, frame: wire.Frame, link: Link, now: float) -> None:
-        """Obey a frame that came over a link, and answer there."""
+        """Obey a frame that came over a link, and answer there, or pass it on to whom it is for."""
         handler = self.message_table.get(frame.id)
-        if handler is not None:
+        if not self.routes.pass_on(frame, link) and handler is not None:
             self.to = (link,)
             handler(self, frame, now)
             self.to = self.links
