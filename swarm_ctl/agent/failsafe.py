@@ -26,7 +26,7 @@ class Health:
     """Of the oldest level rangefinder; 0 in open air."""
     plan_age_s: float
     holding_s: float
-    """Since the present hold began; 0 when not holding."""
+    """Since something has demanded the present hold; 0 when nothing does."""
     mission_s: float
     battery_fraction: float
     """1 when the autopilot does not tell."""

@@ -37,6 +37,8 @@ class Vigil:
     """Since when the autopilot has said that it obeys setpoints no longer."""
     outside_s: float | None = None
     """Since when the vehicle has been outside its fence."""
+    troubled_s: float | None = None
+    """Since when something has demanded a hold, whether or not an operator paused it as well."""
     is_crowded: bool = False
     """Whether a peer is much too close."""
     was_landing: bool = False
@@ -116,12 +118,13 @@ def _after_silence(agent: Agent) -> Verdict:
 
 def _watch_flight(agent: Agent, judged: Verdict | None) -> None:
     _watch_peers(agent)
+    _watch_trouble(agent, judged)
     if not agent.telemetry.armed:
         agent.enter(Cause.DISARMED, "the vehicle disarmed in flight")
     elif judged is not None and judged.cause in {Cause.LAND, Cause.HOLD}:
         if (judged.cause, agent.phase) != (Cause.HOLD, Phase.HOLDING):
             agent.enter(*judged)
-    elif agent.phase is Phase.RETURNING or agent.is_paused:
+    elif agent.phase is Phase.RETURNING or (agent.is_paused and judged is None):
         return
     elif judged is not None or agent.homebound:
         agent.enter(Cause.RETURN, judged.reason if judged else agent.homebound)
@@ -130,6 +133,13 @@ def _watch_flight(agent: Agent, judged: Verdict | None) -> None:
         agent.enter(Cause.RETURN if home else Cause.LAND, TIME_OVER)
     elif agent.phase is Phase.HOLDING:
         agent.enter(Cause.RECOVERED, "all well again")
+
+
+def _watch_trouble(agent: Agent, judged: Verdict | None) -> None:
+    if judged is None or judged.cause is not Cause.HOLD:
+        agent.vigil.troubled_s = None
+    elif agent.vigil.troubled_s is None:
+        agent.vigil.troubled_s = agent.now
 
 
 def _watch_peers(agent: Agent) -> None:
@@ -147,7 +157,7 @@ def _health(agent: Agent) -> Health:
     telemetry, now = agent.telemetry, agent.now
     planned_s = agent.plan_s if agent.has_plan_failed else max(agent.plan_s, agent.entered_s)
     plans = agent.phase in _EXPLORING or agent.has_plan_failed
-    waits = agent.phase is Phase.HOLDING and not agent.is_paused
+    troubled_s = agent.vigil.troubled_s
     battery = telemetry.battery_fraction
     if battery is not None and agent.phase in STEERING and agent.vigil.endurance.is_due(now):
         speed_m_s = agent.orders.flight.speed_m_s
@@ -157,7 +167,7 @@ def _health(agent: Agent) -> Health:
         position_age_s=now - min(telemetry.position_s, telemetry.attitude_s),
         range_age_s=0.0 if agent.orders.flight.open_air else now - min(telemetry.ranges_s[:4]),
         plan_age_s=now - planned_s if plans else 0.0,
-        holding_s=agent.in_phase_s if waits else 0.0,
+        holding_s=0.0 if troubled_s is None else now - troubled_s,
         mission_s=now,
         battery_fraction=1.0 if battery is None else battery,
         way_home_fraction=agent.vigil.endurance.needed,
