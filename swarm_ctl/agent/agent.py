@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from swarm_ctl.agent import beacon as beacons
 from swarm_ctl.agent.duties import DUTIES, HAS_LANDED, IS_HOME
 from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.homing import Homeward, Trail
+from swarm_ctl.agent.orders import COMMAND_IDS, COMMANDS, Inbox, obey
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peers import Neighbour, PeerTable
 from swarm_ctl.agent.phases import ENDED, SILENT, STEERING, STREAMING, Cause, Phase, advance
@@ -78,13 +80,14 @@ class Agent:
         """What ended the mission early, in words; empty when all went as planned."""
         self.refusal = ""
         """The last command the autopilot refused, and why."""
-        self.parser = wire.Parser(SUBSCRIBED)
+        self.parser = wire.Parser({*SUBSCRIBED, *COMMANDS})
         self.telemetry = Telemetry(sysid)
         self.peers = PeerTable()
         self.neighbours: list[Neighbour] = []
         """The fresh peers of this tick."""
         self.sender = Sender(sysid)
         self.commands = CommandQueue()
+        self.inbox = Inbox(sysid)
         self.trail = Trail()
         self.homeward = Homeward()
         self.victims: dict[int, Vec3] = {}
@@ -143,6 +146,8 @@ class Agent:
             elif frame.compid == COMPANION_COMPONENT and frame.id == _TUNNEL_ID:
                 payload = frame.values.payload[: frame.values.payload_length]
                 self._hear(frame.sysid, frame.values.payload_type, payload, now)
+            elif frame.id in COMMAND_IDS:
+                self.inbox.receive(frame)
 
     def tick(self, now: float) -> bytes:
         """Decide; give the frames to send, as one datagram (empty when there is nothing)."""
@@ -151,24 +156,16 @@ class Agent:
         if self.is_ended:
             return b""
         self._digest()
+        acks = [self.sender.acknowledge(ack) for ack in self.inbox.answer(partial(obey, self), now)]
         watch(self)
         velocity = None if self.is_ended else DUTIES[self.phase](self)
-        return b"".join(self._frames(velocity))
+        return b"".join(self._frames(velocity) + acks)
 
-    def order(self, operator: Operator, now: float) -> None:
-        """Take an operator's order; one that makes no sense now changes nothing."""
+    def order(self, operator: Operator, now: float) -> bool:
+        """Take an operator's order; False for one that makes no sense now, and changes nothing."""
         self.now = now
-        if self.is_ended:
-            return
-        self.note("OperatorOrder", order=operator.value)
-        match operator:
-            case Operator.PAUSE if self.phase in STEERING - {Phase.HOLDING}:
-                self.is_paused = True
-                self.enter(Cause.HOLD, "paused by the operator")
-            case Operator.RESUME:
-                self._resume()
-            case Operator.RETURN | Operator.LAND | Operator.ABORT:
-                self._end(operator)
+        self.inbox.forget()
+        return obey(self, operator)
 
     def fail(self, reason: str, now: float) -> None:
         """Give up on this vehicle, because its shell broke or was told to."""
@@ -220,6 +217,7 @@ class Agent:
         if cause in {Cause.OBSTACLE, Cause.CLEAR}:
             return  # avoiding is a part of exploring: too frequent for a line in the record
         self.reason = reason
+        self.is_paused = self.is_paused and self.phase in {Phase.HOLDING, Phase.LOST}
         if cause is Cause.RETURN:
             self.homebound = reason
         if cause is Cause.SILENT:
@@ -335,27 +333,6 @@ class Agent:
         self.yaw_rad = self.telemetry.yaw_rad
         if self.explored_from_s is None:
             self.explored_from_s = self.now
-
-    def _resume(self) -> None:
-        self.is_paused = False
-        self.entered_s = self.now  # a hold that was ordered is none that failed to recover
-        if self.phase is Phase.YIELDED:
-            self.was_offboard = False
-            self.enter(Cause.RESUMED, "the operator gave the vehicle back")
-
-    def _end(self, operator: Operator) -> None:
-        """Bring the vehicle down: home first when asked to and in flight, else here."""
-        words = f"{operator.value} ordered by the operator"
-        on_ground = not self.telemetry.armed and self.phase not in STEERING
-        if on_ground and self.phase in {Phase.CONNECTING, Phase.READY, Phase.ARMING}:
-            self.enter(Cause.CANCELLED, words)
-        elif operator is Operator.RETURN:
-            if self.phase in STEERING - {Phase.RETURNING}:
-                self.enter(Cause.RETURN, words)
-            elif self.phase is Phase.LOST:
-                self.homebound = words
-        elif self.phase not in {Phase.LANDING, Phase.YIELDED, Phase.CONNECTING, Phase.READY}:
-            self.enter(Cause.LAND, words)
 
     # -- sending -------------------------------------------------------------------------------
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from swarm_ctl import wire
+from swarm_ctl.agent.orders import Ack
 from swarm_ctl.autopilot.command import Command
 from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.model import Setpoint
 from swarm_ctl.signing import Gatekeeper
 
 _HEARTBEAT = wire.message("HEARTBEAT")
+_COMMAND_ACK = wire.message("COMMAND_ACK")
 _COMMAND_LONG = wire.message("COMMAND_LONG")
 _SETPOINT = wire.message("SET_POSITION_TARGET_LOCAL_NED")
 _TUNNEL = wire.message("TUNNEL")
@@ -37,6 +39,13 @@ class Sender:
         """Ask the vehicle's own autopilot for something."""
         target = (self.sysid, AUTOPILOT_COMPONENT)
         return self._pack(_COMMAND_LONG, *target, wanted.id, confirmation, *wanted.parameters)
+
+    def acknowledge(self, ack: Ack) -> bytes:
+        """Tell a ground station what became of its command."""
+        no_progress = (0, 0)
+        return self._pack(
+            _COMMAND_ACK, ack.command, ack.result, *no_progress, ack.sysid, ack.compid
+        )
 
     def setpoint(self, wanted: Setpoint, now: float) -> bytes:
         """Demand velocity and heading in the vehicle's local NED frame."""
