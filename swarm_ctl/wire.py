@@ -26,25 +26,44 @@ _MAGIC = re.compile(b"[" + _MAGICS + b"]")
 _LENGTH_AND_ID = Struct("<xB5x3s").unpack_from  # of MAVLink 2
 
 
-class _ProtocolVersion:
-    """PROTOCOL_VERSION of MAVLink's common messages, which pymavlink's dialects leave out."""
+class _Table:
+    """A message of MAVLink's common ones that pymavlink's dialects leave out."""
 
-    id, msgname, crc_extra = 300, "PROTOCOL_VERSION", 217
-    fieldnames = ordered_fieldnames = (
-        "version",
-        "min_version",
-        "max_version",
-        "spec_version_hash",
-        "library_version_hash",
-    )
-    native_format = b"<HHHBB"
-    array_lengths = (0, 0, 0, 8, 8)
-
-    def __init__(self) -> None:
-        """Have no field with a default."""
+    def __init__(
+        self, number: int, name: str, crc_extra: int, formats: str, declared: str, ordered: str
+    ) -> None:
+        """Take struct's formats, and the fields as declared and as sent, separated by spaces."""
+        self.id, self.msgname, self.crc_extra = number, name, crc_extra
+        self.fieldnames = declared.split()
+        self.ordered_fieldnames = ordered.split()
+        self.native_format = b"<" + "".join(f[-1] for f in formats.split()).encode()
+        self.array_lengths = [int(f[:-1] or 0) for f in formats.split()]
 
 
-_TABLES: dict[int, Any] = {**dialect.mavlink_map, _ProtocolVersion.id: _ProtocolVersion}
+_VERSIONS = "version min_version max_version spec_version_hash library_version_hash"
+_LEFT_OUT = (
+    _Table(300, "PROTOCOL_VERSION", 217, "H H H 8B 8B", _VERSIONS, _VERSIONS),
+    _Table(
+        410,
+        "EVENT",
+        160,
+        "I I H B B B 40B",
+        "destination_component destination_system id event_time_boot_ms sequence log_levels "
+        "arguments",
+        "id event_time_boot_ms sequence destination_component destination_system log_levels "
+        "arguments",
+    ),
+    _Table(
+        436,
+        "CURRENT_MODE",
+        193,
+        "I I B",
+        "standard_mode custom_mode intended_custom_mode",
+        "custom_mode intended_custom_mode standard_mode",
+    ),
+)
+
+_TABLES: dict[int, Any] = {**dialect.mavlink_map, **{table.id: table for table in _LEFT_OUT}}
 _CRC_EXTRAS = {number: bytes([table.crc_extra]) for number, table in _TABLES.items()}
 _IDS = {table.msgname: number for number, table in _TABLES.items()}
 _PACK_ERRORS = (StructError, TypeError, ValueError, OverflowError)

@@ -28,7 +28,12 @@ class Autopilot:
     """Climbs on NAV_TAKEOFF and must not hear a setpoint meanwhile; else climbs on setpoints."""
     resumes_from_failsafe: bool
     """Comes back to the offboard mode by itself when it left it for want of setpoints."""
+    streams_hz: Mapping[str, float]
+    """What a controller needs of it, and how often; asked for by SET_MESSAGE_INTERVAL."""
     mode_names: Mapping[int, str]
+    """As its pilots call them, by custom_mode."""
+    failsafe_modes: frozenset[int]
+    """Modes that its own failsafes choose: they return, land, brake, or fall back on the sticks."""
 
     def mode_name(self, custom_mode: int) -> str:
         """Name a mode as pilots know it."""

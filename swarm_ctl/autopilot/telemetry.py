@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from swarm_ctl import wire
 from swarm_ctl.autopilot.ardupilot import ARDUPILOT
 from swarm_ctl.autopilot.base import ARMED_FLAG, Autopilot
+from swarm_ctl.autopilot.command import Ack
+from swarm_ctl.autopilot.complaints import PREARM_CHECK, Complaints, unhealthy
+from swarm_ctl.autopilot.events import Events
 from swarm_ctl.autopilot.px4 import PX4
+from swarm_ctl.autopilot.streams import Streams
+from swarm_ctl.autopilot.texts import Text, Texts
 from swarm_ctl.frames import body_to_ned, rotate
 from swarm_ctl.model import ZERO, Vec3
 
@@ -18,7 +24,11 @@ COMPANION_COMPONENT = 191
 
 SUBSCRIBED = (
     "HEARTBEAT",
+    "CURRENT_MODE",
     "SYS_STATUS",
+    "BATTERY_STATUS",
+    "ESTIMATOR_STATUS",
+    "EKF_STATUS_REPORT",
     "ATTITUDE",
     "LOCAL_POSITION_NED",
     "DISTANCE_SENSOR",
@@ -26,15 +36,9 @@ SUBSCRIBED = (
     "OBSTACLE_DISTANCE",
     "COMMAND_ACK",
     "STATUSTEXT",
+    "EVENT",
     "TUNNEL",
 )
-STREAMS_HZ = {
-    "LOCAL_POSITION_NED": 10.0,
-    "ATTITUDE": 10.0,
-    "DISTANCE_SENSOR": 10.0,
-    "SYS_STATUS": 1.0,
-}
-"""What every controller needs and how often; asked for by SET_MESSAGE_INTERVAL."""
 SCAN_HZ = {"OBSTACLE_DISTANCE": 5.0}
 """What one with a memory wants, too; without it, it learns of walls only by being stopped."""
 
@@ -48,9 +52,13 @@ JUMP_M, JUMP_WITHIN_S = 1.0, 1.0
 """A position this far from where the last one and the velocity lead to has jumped."""
 MOVING_M_S = 0.05
 """Who moves and is where it was has telemetry that hangs."""
-PREARM_CHECK = 0x10000000
-"""MAV_SYS_STATUS_PREARM_CHECK: healthy when the vehicle would arm."""
-STANDBY, ACTIVE, CRITICAL, TERMINATED = 3, 4, 5, 8
+STANDBY, ACTIVE, CRITICAL, EMERGENCY, TERMINATED = 3, 4, 5, 6, 8
+GOOD_ESTIMATE = 1 | 2 | 4 | 8
+"""Flags of both estimators: attitude, velocity level and vertical, position from the start.
+
+ArduPilot flies with 831; when GNSS is gone it tells 37, then 167. PX4 flies with 831 or 895."""
+INTENT_S = 2.0
+"""How old word of the chosen mode may be when a mode is told; PX4 gives it twice a second."""
 
 AUTOPILOTS: dict[int, Autopilot] = {pilot.heartbeat_id: pilot for pilot in (PX4, ARDUPILOT)}
 _ID = {name: wire.message(name).id for name in SUBSCRIBED}
@@ -75,17 +83,26 @@ class VictimFix(NamedTuple):
 class Telemetry:
     """Latest values of one vehicle; times are mission time, -inf for never."""
 
-    def __init__(self, sysid: int) -> None:
+    def __init__(self, sysid: int, extra_streams_hz: Mapping[str, float] = SCAN_HZ) -> None:
         self.sysid = sysid
+        self.streams = Streams(extra_streams_hz)
         self.autopilot: Autopilot | None = None
         self.heard_s = -math.inf
         self.heartbeat_s = -math.inf
         self.position_s = -math.inf
         self.attitude_s = -math.inf
+        self.mode_s = -math.inf
+        """When the mode was told last, by HEARTBEAT or CURRENT_MODE."""
         self.armed = False
         self.custom_mode = -1
+        self.intended_mode = -1
+        """What its user chose, as PX4 tells it; a failsafe flies another mode meanwhile."""
+        self.intended_s = -math.inf
         self.system_status = 0
-        self.prearm_ok = False
+        self.prearm_ok: bool | None = None
+        """Whether the checks before arming pass; None when it does not tell."""
+        self.unhealthy: list[str] = []
+        """The sensors in use that are not healthy."""
         self.start_ned_m = ZERO
         """Where the vehicle stood before take-off, in its estimator's own frame."""
         self.position_ned_m = ZERO
@@ -104,15 +121,24 @@ class Telemetry:
         self.jump_s = -math.inf
         self.estimate_ok: bool | None = None
         """Whether the estimator trusts its position; None when it does not tell."""
+        self.estimate_s = -math.inf
         self._boot_ms: dict[str, int] = {}
         self.battery_fraction: float | None = None
         self.peer_fixes: list[PeerFix] = []
         self.victim_fixes: list[VictimFix] = []
-        self.texts: list[str] = []
-        self.acks: list[tuple[int, int]] = []
+        self.texts: list[Text] = []
+        """What it said since the agent looked last."""
+        self.acks: list[Ack] = []
+        self.events = Events()
+        self._chunks = Texts()
+        self._complaints = Complaints()
         self._handlers = {
             _ID["HEARTBEAT"]: self._heartbeat,
+            _ID["CURRENT_MODE"]: self._current_mode,
             _ID["SYS_STATUS"]: self._sys_status,
+            _ID["BATTERY_STATUS"]: self._battery_status,
+            _ID["ESTIMATOR_STATUS"]: self._estimate,
+            _ID["EKF_STATUS_REPORT"]: self._estimate,
             _ID["ATTITUDE"]: self._attitude,
             _ID["LOCAL_POSITION_NED"]: self._local_position,
             _ID["DISTANCE_SENSOR"]: self._distance,
@@ -120,12 +146,15 @@ class Telemetry:
             _ID["OBSTACLE_DISTANCE"]: self._scan,
             _ID["COMMAND_ACK"]: self._ack,
             _ID["STATUSTEXT"]: self._text,
+            _ID["EVENT"]: self._event,
         }
 
     @property
     def is_ready(self) -> bool:
         """Whether the autopilot says that it would arm."""
-        return self.prearm_ok or self.system_status in {STANDBY, ACTIVE}
+        if self.prearm_ok is None and self.events.may_arm is None:
+            return self.system_status in {STANDBY, ACTIVE}
+        return bool(self.prearm_ok or self.events.may_arm)
 
     @property
     def is_offboard(self) -> bool:
@@ -134,8 +163,19 @@ class Telemetry:
 
     @property
     def is_failsafe(self) -> bool:
-        """Whether the autopilot says that a failsafe of its own is at work."""
-        return self.system_status in {CRITICAL, TERMINATED}
+        """Whether a failsafe of the autopilot's own flies it, and no pilot chose its mode."""
+        if self.system_status in {EMERGENCY, TERMINATED}:
+            return True
+        if self.mode_s - self.intended_s < INTENT_S:
+            return self.custom_mode != self.intended_mode
+        pilot = self.autopilot
+        chooses = pilot is not None and self.custom_mode in pilot.failsafe_modes
+        return self.system_status == CRITICAL and (chooses or self.is_offboard)
+
+    @property
+    def may_resume(self) -> bool:
+        """Whether a failsafe is at work that the stream of setpoints may end."""
+        return self.is_failsafe and self.autopilot is not None and self.autopilot.resumes_from_failsafe
 
     @property
     def mode_name(self) -> str:
@@ -152,6 +192,11 @@ class Telemetry:
         """Heading, clockwise from north."""
         return self.attitude_rad.z
 
+    def why_not(self, now: float) -> str:
+        """Say what the vehicle itself has against flying, in words; empty when nothing."""
+        reasons = [*self.events.barriers, *self._complaints.recent(now), *self.unhealthy]
+        return "; ".join(dict.fromkeys(reasons))
+
     def start_here(self) -> None:
         """Make the place where the vehicle is the origin of its positions."""
         start, place = self.start_ned_m, self.position_ned_m
@@ -167,21 +212,43 @@ class Telemetry:
         if frame.compid != AUTOPILOT_COMPONENT:
             return
         self.heard_s = now
+        self.streams.heard(frame.id, now)
         handler = self._handlers.get(frame.id)
         if handler is not None:
             handler(frame.values, now)
 
     def _heartbeat(self, values: Any, now: float) -> None:
-        self.heartbeat_s = now
-        self.autopilot = AUTOPILOTS.get(values.autopilot, self.autopilot)
+        self.heartbeat_s = self.mode_s = now
+        if self.autopilot is None and values.autopilot in AUTOPILOTS:
+            self.autopilot = AUTOPILOTS[values.autopilot]
+            self.streams.want(self.autopilot.streams_hz)
         self.armed = bool(values.base_mode & ARMED_FLAG)
         self.custom_mode = values.custom_mode
         self.system_status = values.system_status
 
+    def _current_mode(self, values: Any, now: float) -> None:
+        self.mode_s = self.intended_s = now
+        self.custom_mode, self.intended_mode = values.custom_mode, values.intended_custom_mode
+
     def _sys_status(self, values: Any, _now: float) -> None:
-        self.prearm_ok = bool(values.onboard_control_sensors_health & PREARM_CHECK)
-        if values.battery_remaining >= 0:
-            self.battery_fraction = values.battery_remaining / 100.0
+        present, enabled, health = values[:3]
+        self.unhealthy = unhealthy(present, enabled, health)
+        tells = self.prearm_ok is not None or (present | health) & PREARM_CHECK
+        self.prearm_ok = bool(health & PREARM_CHECK) if tells else None
+        self._charge(values.battery_remaining)
+
+    def _battery_status(self, values: Any, _now: float) -> None:
+        if values.id == 0:
+            self._charge(values.battery_remaining)
+
+    def _charge(self, percent: int) -> None:
+        """Take the charge in percent; -1 is one that is not measured."""
+        if percent >= 0:
+            self.battery_fraction = percent / 100.0
+
+    def _estimate(self, values: Any, now: float) -> None:
+        self.estimate_ok = values.flags & GOOD_ESTIMATE == GOOD_ESTIMATE
+        self.estimate_s = now
 
     def _is_repeated(self, message: str, boot_ms: int) -> bool:
         """Whether a stream has stopped and says the same again and again."""
@@ -254,7 +321,20 @@ class Telemetry:
             self.victim_fixes.append(VictimFix(values.target_num, position))
 
     def _ack(self, values: Any, _now: float) -> None:
-        self.acks.append((values.command, values.result))
+        """Take what answers us; in MAVLink 1, and from old firmware, nobody is addressed."""
+        for_us = values.target_system in {0, self.sysid}
+        if for_us and values.target_component in {0, COMPANION_COMPONENT}:
+            self.acks.append(Ack(values.command, values.result, values.progress))
 
-    def _text(self, values: Any, _now: float) -> None:
-        self.texts.append(values.text.strip())
+    def _text(self, values: Any, now: float) -> None:
+        for text in self._chunks.hear(values, now):
+            self._say(text, now)
+
+    def _event(self, values: Any, now: float) -> None:
+        text = self.events.hear(values)
+        if text is not None:
+            self._say(text, now)
+
+    def _say(self, text: Text, now: float) -> None:
+        self.texts.append(text)
+        self._complaints.hear(text, now)

@@ -1,0 +1,63 @@
+"""What flows from one autopilot, and what must be asked for, or asked for again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from swarm_ctl import wire
+from swarm_ctl.autopilot.command import SET_MESSAGE_INTERVAL, Command, command
+
+STALE_S, STALE_PERIODS = 2.0, 3.0
+"""A stream has stopped when it was not heard for so long, or for so many of its periods."""
+AGAIN_S = 2.0
+"""Between two requests; autopilots answer within milliseconds, slow links take their time."""
+
+
+class Streams:
+    """The messages that one controller wants from its autopilot."""
+
+    def __init__(self, extra_hz: Mapping[str, float]) -> None:
+        """Take what is wanted beside the autopilot's own table, by name."""
+        self._rates_hz = dict(extra_hz)
+        self._heard_s: dict[int, float] = {}
+        self._asked: set[str] = set()
+        self._next_s = -math.inf
+
+    def want(self, rates_hz: Mapping[str, float]) -> None:
+        """Add the table of the autopilot, once it is known."""
+        self._rates_hz |= rates_hz
+
+    def heard(self, number: int, now: float) -> None:
+        """Note a message by its id."""
+        self._heard_s[number] = now
+
+    def missing(self, now: float) -> list[str]:
+        """Name the wanted messages that do not flow, or no longer."""
+        return [name for name in self._rates_hz if self._is_silent(name, now)]
+
+    def lost(self, now: float) -> list[str]:
+        """Name the wanted messages that have flown, and no longer do."""
+        return [name for name in self.missing(now) if wire.message(name).id in self._heard_s]
+
+    def due(self, now: float, *, starts: bool) -> list[Command]:
+        """Give the requests to make now: at the start for all that is missing, then for the lost.
+
+        At the start each is asked for once though it may flow already, at another rate.
+        """
+        if now < self._next_s or not self._rates_hz:
+            return []
+        fresh = [name for name in self._rates_hz if name not in self._asked]
+        names = dict.fromkeys([*fresh, *self.missing(now)] if starts else self.lost(now))
+        if names:
+            self._next_s = now + AGAIN_S
+        self._asked.update(names)
+        return [self._request(name) for name in names]
+
+    def _is_silent(self, name: str, now: float) -> bool:
+        patience_s = max(STALE_S, STALE_PERIODS / self._rates_hz[name])
+        return now - self._heard_s.get(wire.message(name).id, -math.inf) > patience_s
+
+    def _request(self, name: str) -> Command:
+        interval_us = 1e6 / self._rates_hz[name]
+        return command(SET_MESSAGE_INTERVAL, float(wire.message(name).id), interval_us)
