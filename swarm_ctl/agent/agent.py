@@ -21,13 +21,12 @@ from swarm_ctl.agent.peers import Neighbour, PeerTable
 from swarm_ctl.agent.phases import ENDED, SILENT, STEERING, STREAMING, Cause, Phase, advance
 from swarm_ctl.agent.sender import Sender
 from swarm_ctl.agent.sharing import Sharing
-from swarm_ctl.agent.watch import TIME_OVER, Vigil, watch
+from swarm_ctl.agent.watch import TIME_OVER, Vigil, missing, watch
 from swarm_ctl.autopilot import command as commands
-from swarm_ctl.autopilot.command import Answer, Command, CommandQueue
+from swarm_ctl.autopilot.command import Answer, Command, CommandQueue, command
 from swarm_ctl.autopilot.telemetry import (
     COMPANION_COMPONENT,
     SCAN_HZ,
-    STREAMS_HZ,
     SUBSCRIBED,
     Telemetry,
 )
@@ -41,6 +40,8 @@ REPEAT_S = 2.0
 _TUNNEL_ID = wire.message("TUNNEL").id
 
 _AS_PLANNED = frozenset({TIME_OVER, IS_HOME, HAS_LANDED})
+_ASIDE = frozenset({commands.SET_MESSAGE_INTERVAL, commands.RUN_PREARM_CHECKS})
+"""Commands that nothing depends on: a missing stream is asked for again."""
 _ENDING = frozenset(
     {Cause.FAULT, Cause.LAND, Cause.RETURN, Cause.PILOT, Cause.DISARMED, Cause.CANCELLED}
 )
@@ -114,10 +115,9 @@ class Agent:
             sysid=sysid,
         )
         self._sharing = None
-        self.streams_hz = STREAMS_HZ
         if isinstance(self._planner, Explorer):
             self._sharing = Sharing(self._planner, orders.planner.dimensions)
-            self.streams_hz = STREAMS_HZ | SCAN_HZ
+            self.telemetry.streams.want(SCAN_HZ)
         self._scanned_s = -math.inf
         self._tag = beacons.mission_tag(orders.mission)
         self._events: list[Event] = []
@@ -207,6 +207,11 @@ class Agent:
         self._next_ask_s = self.now + again_s
         self.commands.request(wanted)
 
+    def why_not(self) -> str:
+        """Say why the vehicle does not do as asked: in its own words, if it has any."""
+        own = self.telemetry.why_not(self.now)
+        return own or self.refusal or missing(self) or "no reason given"
+
     def note(self, name: str, **data: Any) -> None:
         """Record a fact."""
         self._events.append(Event(round(self.now, 3), self.sysid, name, data))
@@ -218,6 +223,7 @@ class Agent:
             return  # avoiding is a part of exploring: too frequent for a line in the record
         self.reason = reason
         self.is_paused = self.is_paused and self.phase in {Phase.HOLDING, Phase.LOST}
+        self.commands.clear()
         if cause is Cause.RETURN:
             self.homebound = reason
         if cause is Cause.SILENT:
@@ -298,10 +304,10 @@ class Agent:
                 self.note("VictimFound", victim=number, position_ned_m=rounded)
         telemetry.victim_fixes.clear()
         for text in telemetry.texts:
-            self.note("StatusText", text=text)
+            self.note("StatusText", text=text.words, severity=text.severity)
         telemetry.texts.clear()
-        for command_id, result in telemetry.acks:
-            self._answered(self.commands.acknowledge(command_id, result, self.now))
+        for ack in telemetry.acks:
+            self._answered(self.commands.acknowledge(ack, self.now))
         telemetry.acks.clear()
         self.neighbours = self.peers.near(telemetry.position_ned_m, self.now)
         gained, lost = self.peers.contacts(self.now)
@@ -320,11 +326,15 @@ class Agent:
             sharing.see(telemetry.scan_m, telemetry.position_ned_m, peers_m)
 
     def _answered(self, answer: Answer | None) -> None:
-        if answer is None or answer.is_accepted:
+        if answer is None or answer.is_accepted or answer.command.id in _ASIDE:
             return
-        if answer.command.id != commands.SET_MESSAGE_INTERVAL:  # a missing stream is asked again
-            self.refusal = f"command {answer.command.id} {answer.reason}"
-            self.note("CommandRefused", command=answer.command.id, reason=answer.reason)
+        if answer.is_in_progress:
+            self.note("CommandProgress", command=answer.command.id, percent=answer.progress)
+            return
+        self.refusal = answer.words
+        self.note("CommandRefused", command=answer.command.id, reason=answer.reason)
+        if answer.command.id == commands.COMPONENT_ARM_DISARM:
+            self.commands.request(command(commands.RUN_PREARM_CHECKS))  # and hear why
 
     # -- changing ------------------------------------------------------------------------------
 
@@ -338,6 +348,10 @@ class Agent:
 
     def _frames(self, velocity: Vec3 | None) -> list[bytes]:
         now, sender, frames = self.now, self.sender, []
+        if self.telemetry.autopilot is not None and self.phase not in SILENT:
+            starts = self.phase is Phase.CONNECTING
+            for wanted in self.telemetry.streams.due(now, starts=starts):
+                self.commands.request(wanted)
         if now >= self._next_heartbeat_s:
             self._next_heartbeat_s = now + HEARTBEAT_S
             frames.append(sender.heartbeat())

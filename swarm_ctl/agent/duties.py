@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from swarm_ctl import wire
 from swarm_ctl.agent.phases import Cause, Phase
 from swarm_ctl.agent.watch import MODE_LAG_S, missing
 from swarm_ctl.autopilot import command as commands
@@ -18,6 +17,7 @@ from swarm_ctl.model import ZERO, Vec3
 if TYPE_CHECKING:
     from swarm_ctl.agent.agent import Agent
 
+CHECK_AGAIN_S = 5.0
 ARM_S = 30.0
 TAKEOFF_S = 40.0
 TAKEOFF_AGAIN_S = 8.0
@@ -37,17 +37,15 @@ Duty = Callable[["Agent"], Vec3 | None]
 
 
 def connect(agent: Agent) -> Vec3 | None:
-    """Ask for the streams until everything that is needed arrives."""
+    """Wait until everything that is needed arrives, and ask what keeps it from being ready."""
     if agent.telemetry.autopilot is None:
         return None
     if agent.telemetry.armed:
         mode = agent.telemetry.mode_name
         agent.enter(Cause.FAULT, f"armed already, in {mode}: somebody else flies it")
         return None
-    if agent.is_time_to_ask:
-        for name, rate_hz in agent.streams_hz.items():
-            interval = (float(wire.message(name).id), 1e6 / rate_hz)
-            agent.ask(command(commands.SET_MESSAGE_INTERVAL, *interval))
+    if not agent.telemetry.is_ready and agent.is_time_to_ask:
+        agent.ask(command(commands.RUN_PREARM_CHECKS), CHECK_AGAIN_S)
     if not missing(agent):
         name = agent.telemetry.autopilot.name
         agent.note("Connected", autopilot=name)
@@ -70,8 +68,7 @@ def arm(agent: Agent) -> Vec3 | None:
     telemetry, pilot = agent.telemetry, agent.telemetry.autopilot
     agent.was_offboard = agent.was_offboard or telemetry.is_offboard
     if agent.in_phase_s > ARM_S:
-        refusal = agent.refusal or missing(agent) or "no reason given"
-        agent.enter(Cause.FAULT, f"did not arm within {ARM_S:.0f} s: {refusal}")
+        agent.enter(Cause.FAULT, f"did not arm within {ARM_S:.0f} s: {agent.why_not()}")
         return None
     if pilot is None or (
         not pilot.takeoff_by_command and agent.in_phase_s < STREAM_BEFORE_SWITCH_S
@@ -91,15 +88,14 @@ def arm(agent: Agent) -> Vec3 | None:
 def take_off(agent: Agent) -> Vec3 | None:
     """Climb: PX4 by setpoints, ArduPilot by a command that no setpoint may follow."""
     telemetry, flight, pilot = agent.telemetry, agent.orders.flight, agent.telemetry.autopilot
-    refusal = agent.refusal or "no reason given"
     by_command = pilot is not None and pilot.takeoff_by_command
     if telemetry.height_m > CLIMBED_FRACTION * flight.height_m:
         agent.enter(Cause.AIRBORNE, "")
         return None if by_command else ZERO
     if not telemetry.armed and agent.in_phase_s > MODE_LAG_S:
-        agent.enter(Cause.DISARMED, f"disarmed before it flew: {refusal}")
+        agent.enter(Cause.DISARMED, f"disarmed before it flew: {agent.why_not()}")
     elif agent.in_phase_s > TAKEOFF_S:
-        agent.enter(Cause.LAND, f"did not climb within {TAKEOFF_S:.0f} s: {refusal}")
+        agent.enter(Cause.LAND, f"did not climb within {TAKEOFF_S:.0f} s: {agent.why_not()}")
     elif not by_command:
         short_m = flight.height_m - telemetry.height_m
         level = _towards(ZERO, telemetry.position_ned_m)

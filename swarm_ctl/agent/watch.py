@@ -54,7 +54,7 @@ def watch(agent: Agent) -> None:
     if agent.telemetry.is_offboard:
         agent.vigil.mode_lost_s = None
     elif agent.vigil.mode_lost_s is None:
-        agent.vigil.mode_lost_s = agent.telemetry.heartbeat_s
+        agent.vigil.mode_lost_s = agent.telemetry.mode_s
     health = _health(agent)
     if agent.phase in {Phase.LOST, Phase.YIELDED}:
         _watch_from_afar(agent, health.silent_s)
@@ -91,7 +91,9 @@ def missing(agent: Agent) -> str:
 def _watch_start(agent: Agent) -> None:
     wait_s = agent.orders.flight.ready_timeout_s
     if agent.phase is Phase.CONNECTING and agent.in_phase_s > wait_s:
-        agent.enter(Cause.FAULT, f"not ready after {wait_s:.0f} s: {missing(agent)}")
+        why = agent.telemetry.why_not(agent.now)
+        words = f"{missing(agent)} ({why})" if why else missing(agent)
+        agent.enter(Cause.FAULT, f"not ready after {wait_s:.0f} s: {words}")
 
 
 def _watch_from_afar(agent: Agent, silent_s: float) -> None:
@@ -99,7 +101,7 @@ def _watch_from_afar(agent: Agent, silent_s: float) -> None:
     telemetry = agent.telemetry
     if silent_s > GONE_S:
         agent.enter(Cause.FAULT, f"nothing heard from its autopilot for {silent_s:.0f} s")
-    elif agent.phase is Phase.YIELDED or telemetry.heartbeat_s <= agent.entered_s:
+    elif agent.phase is Phase.YIELDED or telemetry.mode_s <= agent.entered_s:
         return
     elif not telemetry.armed:
         agent.enter(Cause.DISARMED, f"{agent.reason}; it was on the ground when it was heard again")
@@ -210,7 +212,7 @@ def _who_has_it(agent: Agent) -> str:
 def _has_lost_the_stick(agent: Agent) -> bool:
     """Whether the autopilot has left the mode we chose; right after our choice it tells late."""
     telemetry, pilot = agent.telemetry, agent.telemetry.autopilot
-    has_told = telemetry.heartbeat_s > agent.entered_s + MODE_LAG_S
+    has_told = telemetry.mode_s > agent.entered_s + MODE_LAG_S
     if pilot is None:
         return False
     match agent.phase:
@@ -223,6 +225,6 @@ def _has_lost_the_stick(agent: Agent) -> bool:
             may_resume = telemetry.is_failsafe and pilot.resumes_from_failsafe
             grace_s = FAILSAFE_S if may_resume else 0.0
             lost_s = agent.vigil.mode_lost_s
-            return lost_s is not None and telemetry.heartbeat_s - lost_s >= grace_s
+            return lost_s is not None and telemetry.mode_s - lost_s >= grace_s
         case _:
             return False

@@ -17,15 +17,14 @@ AGAIN_S = 2.0
 class Streams:
     """The messages that one controller wants from its autopilot."""
 
-    def __init__(self, extra_hz: Mapping[str, float]) -> None:
-        """Take what is wanted beside the autopilot's own table, by name."""
-        self._rates_hz = dict(extra_hz)
+    def __init__(self) -> None:
+        self._rates_hz: dict[str, float] = {}
         self._heard_s: dict[int, float] = {}
         self._asked: set[str] = set()
         self._next_s = -math.inf
 
     def want(self, rates_hz: Mapping[str, float]) -> None:
-        """Add the table of the autopilot, once it is known."""
+        """Add messages by name."""
         self._rates_hz |= rates_hz
 
     def heard(self, number: int, now: float) -> None:
@@ -45,7 +44,7 @@ class Streams:
 
         At the start each is asked for once though it may flow already, at another rate.
         """
-        if now < self._next_s or not self._rates_hz:
+        if now < self._next_s:
             return []
         fresh = [name for name in self._rates_hz if name not in self._asked]
         names = dict.fromkeys([*fresh, *self.missing(now)] if starts else self.lost(now))

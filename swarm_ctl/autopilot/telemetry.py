@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from swarm_ctl import wire
@@ -83,9 +82,9 @@ class VictimFix(NamedTuple):
 class Telemetry:
     """Latest values of one vehicle; times are mission time, -inf for never."""
 
-    def __init__(self, sysid: int, extra_streams_hz: Mapping[str, float] = SCAN_HZ) -> None:
+    def __init__(self, sysid: int) -> None:
         self.sysid = sysid
-        self.streams = Streams(extra_streams_hz)
+        self.streams = Streams()
         self.autopilot: Autopilot | None = None
         self.heard_s = -math.inf
         self.heartbeat_s = -math.inf
@@ -173,11 +172,6 @@ class Telemetry:
         return self.system_status == CRITICAL and (chooses or self.is_offboard)
 
     @property
-    def may_resume(self) -> bool:
-        """Whether a failsafe is at work that the stream of setpoints may end."""
-        return self.is_failsafe and self.autopilot is not None and self.autopilot.resumes_from_failsafe
-
-    @property
     def mode_name(self) -> str:
         """Name the mode the autopilot is in."""
         return self.autopilot.mode_name(self.custom_mode) if self.autopilot else "unknown"
@@ -219,9 +213,10 @@ class Telemetry:
 
     def _heartbeat(self, values: Any, now: float) -> None:
         self.heartbeat_s = self.mode_s = now
-        if self.autopilot is None and values.autopilot in AUTOPILOTS:
-            self.autopilot = AUTOPILOTS[values.autopilot]
-            self.streams.want(self.autopilot.streams_hz)
+        pilot = AUTOPILOTS.get(values.autopilot)
+        if pilot is not None and pilot is not self.autopilot:
+            self.autopilot = pilot
+            self.streams.want(pilot.streams_hz)
         self.armed = bool(values.base_mode & ARMED_FLAG)
         self.custom_mode = values.custom_mode
         self.system_status = values.system_status

@@ -105,3 +105,135 @@ def test_a_battery_that_is_not_measured_is_not_empty(vehicle: Vehicle) -> None:
     assert vehicle.says(status(-1)).battery_fraction is None
     assert vehicle.says(status(80)).battery_fraction == pytest.approx(0.8)
     assert vehicle.telemetry.prearm_ok
+
+
+def mode(custom: int, intended: int) -> Any:
+    class CurrentMode:  # pymavlink does not know it
+        def pack(self, _link: Any) -> bytes:
+            return wire.message("CURRENT_MODE").pack(0, 1, 1, 0, custom, intended)
+
+    return CurrentMode()
+
+
+def estimator(flags: int) -> Any:
+    return mavlink.MAVLink_estimator_status_message(0, flags, *[0.0] * 8)
+
+
+def ekf(flags: int) -> Any:
+    return mavlink.MAVLink_ekf_status_report_message(flags, *[0.0] * 5)
+
+
+@pytest.mark.parametrize(
+    ("flags", "is_ok"), [(831, True), (37, False), (167, False), (1024, False)]
+)
+def test_ardupilots_estimator_tells_when_it_is_lost(
+    vehicle: Vehicle, flags: int, is_ok: bool
+) -> None:
+    assert vehicle.telemetry.estimate_ok is None
+    assert vehicle.says(ekf(flags), 3.0).estimate_ok is is_ok
+    assert vehicle.telemetry.estimate_s == 3.0
+
+
+@pytest.mark.parametrize(
+    ("flags", "is_ok"), [(1023, True), (895, True), (831, True), (164, False), (229, False)]
+)
+def test_px4s_estimator_tells_when_it_is_lost(vehicle: Vehicle, flags: int, is_ok: bool) -> None:
+    assert vehicle.says(estimator(flags)).estimate_ok is is_ok
+
+
+OFFBOARD, POSCTL, RTL = 6 << 16, 3 << 16, 4 << 16 | 5 << 24
+
+
+def test_px4s_failsafe_is_told_from_a_pilot_by_what_was_intended(vehicle: Vehicle) -> None:
+    vehicle.says(heartbeat(12, 128 + 17, OFFBOARD))
+    assert not vehicle.says(mode(OFFBOARD, OFFBOARD)).is_failsafe
+    failsafe = vehicle.says(mode(POSCTL, OFFBOARD))
+    assert failsafe.is_failsafe
+    assert not failsafe.is_offboard
+    pilot = vehicle.says(mode(POSCTL, POSCTL))
+    assert not pilot.is_failsafe
+    assert pilot.mode_name == "POSCTL"
+
+
+def test_a_pilot_may_choose_what_a_failsafe_would_while_another_one_is_on(
+    vehicle: Vehicle,
+) -> None:
+    vehicle.says(heartbeat(12, 128 + 17, OFFBOARD))
+    assert not vehicle.says(mode(RTL, RTL)).is_failsafe
+    assert not vehicle.says(heartbeat(12, 128 + 29, RTL, status=5), 1.5).is_failsafe
+
+
+def test_without_word_of_the_intention_the_status_tells(vehicle: Vehicle) -> None:
+    assert vehicle.says(heartbeat(3, 217, 9, status=5)).is_failsafe  # LAND, critical
+    assert not vehicle.says(heartbeat(3, 217, 9, status=4)).is_failsafe
+    assert not vehicle.says(heartbeat(3, 217, 5, status=5)).is_failsafe  # a pilot's LOITER
+    vehicle.says(mode(OFFBOARD, OFFBOARD), 1.0)
+    assert vehicle.says(heartbeat(12, 209, POSCTL, status=5), 9.0).is_failsafe
+    assert vehicle.says(heartbeat(12, 209, 10 << 16, status=8), 9.0).is_failsafe
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "custom", "name"),
+    [
+        (12, 4 << 16 | 9 << 24, "AUTO.PRECLAND"),
+        (12, 3 << 16 | 1 << 24, "POSCTL.ORBIT"),
+        (12, 10 << 16, "TERMINATION"),
+        (12, 4 << 16 | 18 << 24, "AUTO.EXTERNAL8"),
+        (12, 99 << 16, "mode 0x630000"),
+        (3, 27, "AUTO_RTL"),
+        (3, 18, "THROW"),
+        (3, 99, "mode 0x63"),
+    ],
+)
+def test_every_mode_has_a_name(vehicle: Vehicle, autopilot: int, custom: int, name: str) -> None:
+    assert vehicle.says(heartbeat(autopilot, 0, custom)).mode_name == name
+
+
+def test_answers_to_others_are_not_ours(vehicle: Vehicle) -> None:
+    def ack(*target: int) -> Any:
+        return mavlink.MAVLink_command_ack_message(400, 4, 0, 0, *target)
+
+    assert not vehicle.says(ack(255, 190)).acks
+    assert not vehicle.says(ack(1, 195)).acks
+    assert not vehicle.says(ack(2, 191)).acks
+    assert vehicle.says(ack(1, 191)).acks == [(400, 4, 0)]
+    assert len(vehicle.says(ack(0, 0)).acks) == 2
+
+
+def test_the_charge_comes_from_whatever_tells_it(vehicle: Vehicle) -> None:
+    def battery(percent: int, number: int = 0) -> Any:
+        return mavlink.MAVLink_battery_status_message(
+            number, 1, 1, 0, [0xFFFF] * 10, 0, 0, 0, percent
+        )
+
+    assert vehicle.says(battery(-1)).battery_fraction is None
+    assert vehicle.says(battery(73)).battery_fraction == pytest.approx(0.73)
+    assert vehicle.says(battery(5, number=1)).battery_fraction == pytest.approx(0.73)
+
+
+def test_readiness_is_the_checks_where_they_are_told(vehicle: Vehicle) -> None:
+    def status(present: int, health: int) -> Any:
+        return mavlink.MAVLink_sys_status_message(
+            present, present, health, 0, 12000, 100, 50, 0, 0, 0, 0, 0, 0
+        )
+
+    prearm = 0x10000000
+    vehicle.says(heartbeat(3, 81, 0, status=3))
+    assert vehicle.telemetry.is_ready  # all that is known is STANDBY
+    assert not vehicle.says(status(prearm, 0)).is_ready  # ArduPilot: STANDBY, and not ready
+    assert vehicle.says(status(prearm, prearm)).is_ready
+    assert not vehicle.says(status(0, 0)).is_ready  # PX4 shows the bit only while it is well
+
+
+def test_why_not_tells_all_that_the_vehicle_has_against_it(vehicle: Vehicle) -> None:
+    assert vehicle.telemetry.why_not(0.0) == ""
+    for words in ("Arm: Gyros inconsistent", "Arm: Need Position Estimate"):
+        vehicle.says(mavlink.MAVLink_statustext_message(2, words.encode()))
+    vehicle.says(
+        mavlink.MAVLink_sys_status_message(
+            0x2000000, 0x2000000, 0, 0, 12000, 100, 50, 0, 0, 0, 0, 0, 0
+        )
+    )
+    assert vehicle.telemetry.why_not(2.0) == (
+        "Gyros inconsistent; Need Position Estimate; battery not healthy"
+    )
