@@ -71,6 +71,7 @@ def controllers_for(
         flight=mission.flight,
         limits=mission.limits,
         seed=mission.seed,
+        frame=mission.frame,
     )
     if mission.planner.kind == "explore":
         warm_up(mission.planner)

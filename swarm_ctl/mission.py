@@ -6,10 +6,14 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
+from swarm_ctl.agent.frame import FrameParams, mistakes
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.errors import MissionError
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, unknown_key
+
+BLOCKS = ("planner", "flight", "limits", "frame")
+"""Sections of a mission file, which are blocks of keys."""
 
 
 class Mission(Section):
@@ -31,6 +35,8 @@ class Mission(Section):
     """How a vehicle takes off, moves and comes home."""
     limits: Limits = Limits()
     """What geofence and failsafe hold against every planner."""
+    frame: FrameParams = FrameParams()
+    """Which frame the vehicles share, beside what their radios measure."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of every random draw; the same seed repeats a run in virtual time."""
 
@@ -143,11 +149,12 @@ def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
             "duration_s",
             f"must be below limits.max_time_s ({limits.max_time_s:g}), not {mission.duration_s:g}",
         )
+    yield from mistakes(mission.frame, range(1, mission.vehicles + 1))
 
 
 def _read(path: Path) -> dict[str, Any]:
     raw = read_yaml(path, "a mission is a block of lines like `vehicles: 10`")
-    for block in ("planner", "flight", "limits"):
+    for block in BLOCKS:
         if raw.get(block, ...) is None:
             del raw[block]  # a heading with nothing beneath means the defaults
     return raw
@@ -182,6 +189,6 @@ def _fields(block: Sequence[str]) -> list[str]:
 def _all_keys() -> list[str]:
     return [
         ".".join([*block, name])
-        for block in ([], ["planner"], ["flight"], ["limits"])
+        for block in ([], *([block] for block in BLOCKS))
         for name in _fields(block)
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from swarm_ctl import wire
 from swarm_ctl.agent import beacon as beacons
 from swarm_ctl.agent.duties import DUTIES, HAS_LANDED, IS_HOME
+from swarm_ctl.agent.frame import FrameParams, SharedFrame, shift_between
 from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.homing import Homeward, Trail
 from swarm_ctl.agent.orders import COMMAND_IDS, COMMANDS, Inbox, obey
@@ -37,10 +38,12 @@ from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
 HEARTBEAT_S = 1.0
 REPEAT_S = 2.0
 """Between two requests for the same change, when the first one was accepted without effect."""
-_TUNNEL_ID = wire.message("TUNNEL").id
+_TUNNEL_ID, _ORIGIN_ID = wire.message("TUNNEL").id, wire.message("GPS_GLOBAL_ORIGIN").id
 
 _AS_PLANNED = frozenset({TIME_OVER, IS_HOME, HAS_LANDED})
-_ASIDE = frozenset({commands.SET_MESSAGE_INTERVAL, commands.RUN_PREARM_CHECKS})
+_ASIDE = frozenset(
+    {commands.SET_MESSAGE_INTERVAL, commands.REQUEST_MESSAGE, commands.RUN_PREARM_CHECKS}
+)
 """Commands that nothing depends on: a missing stream is asked for again."""
 _ENDING = frozenset(
     {Cause.FAULT, Cause.LAND, Cause.RETURN, Cause.PILOT, Cause.DISARMED, Cause.CANCELLED}
@@ -58,6 +61,7 @@ class Orders:
     flight: FlightParams
     limits: Limits
     seed: int
+    frame: FrameParams = field(default_factory=FrameParams)
 
 
 class Agent:
@@ -82,11 +86,12 @@ class Agent:
         self.refusal = ""
         """The last command the autopilot refused, and why."""
         self.parser = wire.Parser({*SUBSCRIBED, *COMMANDS})
-        self.telemetry = Telemetry(sysid)
+        self.frame = SharedFrame(orders.frame, sysid)
+        self.telemetry = Telemetry(sysid, self.frame.yaw_offset_rad)
         self.peers = PeerTable()
         self.neighbours: list[Neighbour] = []
         """The fresh peers of this tick."""
-        self.sender = Sender(sysid)
+        self.sender = Sender(sysid, self.frame.yaw_offset_rad)
         self.commands = CommandQueue()
         self.inbox = Inbox(sysid)
         self.trail = Trail()
@@ -286,8 +291,11 @@ class Agent:
         """Take a peer's broadcast; who has not told that he flies our mission is not ours."""
         if payload_type == beacons.BEACON_TYPE:
             beacon = beacons.decode(payload)
-            if beacon is not None and beacon.mission == self._tag:
-                self.peers.beacon(sysid, beacon, now)
+            if beacon is None:
+                self.peers.unread += 1
+            elif beacon.mission == self._tag:
+                shift = shift_between(self.frame.start(self.telemetry), beacon.start)
+                self.peers.beacon(sysid, beacon, now, shift)
         elif self._sharing is not None and self.peers.is_ours(sysid):
             self._sharing.hear(sysid, payload_type, payload)
 
@@ -313,6 +321,8 @@ class Agent:
         gained, lost = self.peers.contacts(self.now)
         if gained or lost:
             self.note("ContactsChanged", gained=gained, lost=lost)
+        for sysid, apart_m in self.peers.doubts(telemetry.position_ned_m, self.now):
+            self.note("PeerElsewhere", peer=sysid, apart_m=round(apart_m, 2))
         if self.phase in STEERING:
             self.trail.mark(telemetry.position_ned_m)
             if self._sharing is not None:
@@ -361,6 +371,10 @@ class Agent:
             frames.append(sender.command(*due))
         if velocity is not None and self.phase in STREAMING:
             frames.append(sender.setpoint(self._last_word(velocity), now))
+        if self.phase is Phase.CONNECTING and self.frame.is_time_to_ask(self.telemetry, now):
+            self.commands.request(command(commands.REQUEST_MESSAGE, _ORIGIN_ID))
+            origin = self.frame.origin_to_tell
+            frames += [] if origin is None else [sender.origin(origin)]
         if now >= self._next_beacon_s and self.telemetry.autopilot is not None:
             self._next_beacon_s = now + beacons.PERIOD_S
             payload = beacons.encode(self._beacon())
@@ -391,7 +405,14 @@ class Agent:
             position_ned_m=self.telemetry.position_ned_m,
             target_ned_m=self.target_ned_m if self.phase in STEERING else None,
             heard=self.peers.heard(self.now),
+            start=self.frame.start(self.telemetry) if self._knows_its_place else None,
         )
+
+    @property
+    def _knows_its_place(self) -> bool:
+        """Whether what it tells of its place is fresh, and counts from its start."""
+        is_fresh = self.now - self.telemetry.position_s <= self.orders.limits.link_hold_s
+        return is_fresh and self.phase is not Phase.CONNECTING
 
 
 def _vec3(values: list[float], z: float) -> Vec3:

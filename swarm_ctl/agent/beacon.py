@@ -6,17 +6,22 @@ import struct
 import zlib
 from dataclasses import dataclass
 
+from swarm_ctl.agent.frame import FAR_M, Place
 from swarm_ctl.agent.phases import Phase
+from swarm_ctl.frames import Geodetic
 from swarm_ctl.model import Vec3
 
 BEACON_TYPE, SUMMARY_TYPE, TRAIL_TYPE = 40417, 40418, 40419
 """TUNNEL payload types, from the range that MAVLink leaves to everybody (32768 and up)."""
-VERSION = 1
+VERSION = 2
 PERIOD_S = 0.2
 
-_HEAD = struct.Struct("<BIB3h3i3iB")
-"""Version, mission, phase, velocity cm/s, position cm, target cm, number of heard peers."""
+_HEAD = struct.Struct("<BIB3h3i3iB3iB")
+"""Version, mission, phase, velocity cm/s, position cm, target cm, kind of start, start, number of
+heard peers; a start is nothing, NED in cm, or latitude and longitude in degE7, altitude in cm."""
 _NO_TARGET = -(2**31)
+_FAR_CM = round(FAR_M * 100.0)
+_NO_START, _SURVEYED, _GEODETIC = range(3)
 _ID = struct.Struct("<I")  # ids are 32 bits wide, as MAVLink's own are about to be
 _PHASES = tuple(Phase)
 _MOST_HEARD = (128 - _HEAD.size) // _ID.size
@@ -37,6 +42,8 @@ class Beacon:
     """Where it is heading to, in the same frame."""
     heard: tuple[int, ...]
     """sysids this vehicle hears itself, from which clusters are computed."""
+    start: Place | None = None
+    """Where its own frame begins in the frame that the mission shares; None while nobody knows."""
 
 
 def mission_tag(name: str) -> int:
@@ -47,10 +54,10 @@ def mission_tag(name: str) -> int:
 def encode(beacon: Beacon) -> bytes:
     """Pack a beacon into at most 128 bytes."""
     velocity = _centimetres(beacon.velocity_ned_m_s, 2**15 - 1)
-    position = _centimetres(beacon.position_ned_m, 2**31 - 1)
+    position = _centimetres(beacon.position_ned_m, _FAR_CM)
     target = [_NO_TARGET] * 3
     if beacon.target_ned_m is not None:
-        target = _centimetres(beacon.target_ned_m, 2**31 - 1)
+        target = _centimetres(beacon.target_ned_m, _FAR_CM)
     heard = beacon.heard[:_MOST_HEARD]
     head = _HEAD.pack(
         VERSION,
@@ -59,6 +66,7 @@ def encode(beacon: Beacon) -> bytes:
         *velocity,
         *position,
         *target,
+        *_packed_start(beacon.start),
         len(heard),
     )
     return head + b"".join(map(_ID.pack, heard))
@@ -68,16 +76,41 @@ def decode(payload: bytes) -> Beacon | None:
     """Read a beacon; None when it is none of ours or broken."""
     if len(payload) < _HEAD.size:
         return None
-    version, mission, phase, *numbers, count = _HEAD.unpack_from(payload)
+    version, mission, phase, *numbers, kind, a, b, c, count = _HEAD.unpack_from(payload)
     fits = _HEAD.size + count * _ID.size <= len(payload)
-    if version != VERSION or phase >= len(_PHASES) or not fits:
+    has_target = numbers[6] != _NO_TARGET
+    is_near = max(map(abs, numbers[: 9 if has_target else 6])) <= _FAR_CM
+    if version != VERSION or phase >= len(_PHASES) or not fits or not is_near:
         return None
     heard = struct.unpack_from(f"<{count}I", payload, _HEAD.size)
     velocity, position, target = (_metres(numbers[at : at + 3]) for at in (0, 3, 6))
-    has_target = numbers[6] != _NO_TARGET
     return Beacon(
-        mission, _PHASES[phase], velocity, position, target if has_target else None, heard
+        mission,
+        _PHASES[phase],
+        velocity,
+        position,
+        target if has_target else None,
+        heard,
+        _start(kind, a, b, c),
     )
+
+
+def _packed_start(start: Place | None) -> tuple[int, ...]:
+    match start:
+        case Geodetic(latitude, longitude, altitude):
+            return _GEODETIC, round(latitude * 1e7), round(longitude * 1e7), round(altitude * 100.0)
+        case Vec3():
+            return _SURVEYED, *_centimetres(start, _FAR_CM)
+        case None:
+            return _NO_START, 0, 0, 0
+
+
+def _start(kind: int, a: int, b: int, c: int) -> Place | None:
+    """Read a start; one that is nowhere is none."""
+    if kind == _SURVEYED:
+        return _metres([a, b, c])
+    is_somewhere = abs(a) <= 900_000_000 and abs(b) <= 1_800_000_000
+    return Geodetic(a * 1e-7, b * 1e-7, c / 100.0) if kind == _GEODETIC and is_somewhere else None
 
 
 def _centimetres(vector: Vec3, most: int) -> list[int]:

@@ -57,8 +57,9 @@ def wait_for_start(agent: Agent) -> Vec3 | None:
     """Wait for this vehicle's turn to take off."""
     if agent.telemetry.armed:
         agent.enter(Cause.FAULT, "armed by somebody else before its start")
-    elif agent.in_phase_s >= agent.start_delay_s:
-        agent.telemetry.start_here()
+        return None
+    agent.telemetry.start_here()
+    if agent.in_phase_s >= agent.start_delay_s:
         agent.enter(Cause.STARTED, "")
     return None
 

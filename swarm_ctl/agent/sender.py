@@ -6,6 +6,7 @@ from swarm_ctl import wire
 from swarm_ctl.agent.orders import Ack
 from swarm_ctl.autopilot.command import Command
 from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
+from swarm_ctl.frames import Geodetic, turn, wrap_rad
 from swarm_ctl.model import Setpoint
 from swarm_ctl.signing import Gatekeeper
 
@@ -13,6 +14,7 @@ _HEARTBEAT = wire.message("HEARTBEAT")
 _COMMAND_ACK = wire.message("COMMAND_ACK")
 _COMMAND_LONG = wire.message("COMMAND_LONG")
 _SETPOINT = wire.message("SET_POSITION_TARGET_LOCAL_NED")
+_SET_ORIGIN = wire.message("SET_GPS_GLOBAL_ORIGIN")
 _TUNNEL = wire.message("TUNNEL")
 
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _STATE_ACTIVE, _MAVLINK_VERSION = 18, 8, 4, 3
@@ -25,8 +27,10 @@ _UNUSED = (0.0, 0.0, 0.0)
 class Sender:
     """Pack frames from the companion computer (compid 191) of one vehicle."""
 
-    def __init__(self, sysid: int) -> None:
+    def __init__(self, sysid: int, yaw_offset_rad: float = 0.0) -> None:
+        """Turn setpoints for an estimator whose x axis points so far clockwise from north."""
         self.sysid = sysid
+        self._yaw_offset_rad = yaw_offset_rad
         self.sent = 0
         self.gate = Gatekeeper()
 
@@ -49,6 +53,7 @@ class Sender:
 
     def setpoint(self, wanted: Setpoint, now: float) -> bytes:
         """Demand velocity and heading in the vehicle's local NED frame."""
+        velocity = turn(wanted.velocity_ned_m_s, -self._yaw_offset_rad)
         return self._pack(
             _SETPOINT,
             int(now * 1000.0),
@@ -57,10 +62,17 @@ class Sender:
             _LOCAL_NED,
             _VELOCITY_AND_YAW,
             *_UNUSED,
-            *wanted.velocity_ned_m_s,
+            *velocity,
             *_UNUSED,
-            wanted.yaw_rad,
+            wrap_rad(wanted.yaw_rad - self._yaw_offset_rad),
             0.0,
+        )
+
+    def origin(self, place: Geodetic) -> bytes:
+        """Tell the vehicle's own autopilot where on the globe its local frame begins."""
+        latitude, longitude = round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)
+        return self._pack(
+            _SET_ORIGIN, self.sysid, latitude, longitude, round(place.altitude_m * 1e3)
         )
 
     def broadcast(self, payload_type: int, payload: bytes) -> bytes:

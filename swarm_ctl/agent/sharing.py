@@ -18,8 +18,6 @@ MEET_S = 1.0
 (ALGORITHM 2.6)."""
 TRAILS_PER_TICK = 1
 """Bounds the traffic at 1.4 kB/s a vehicle."""
-LATENCY_S = 0.1
-"""From a peer's position to its beacon here, about one tick; a velocity bridges it."""
 SCAN_M = 2.0
 """Scanner hits farther than this are left for later, when they are seen more exactly."""
 PEER_M = 0.6
@@ -57,21 +55,12 @@ class Sharing:
         if met:
             self._next_meeting_s = now + MEET_S
         d = self._dimensions
-        for sysid, peer in met:
-            beacon = peer.beacon
-            if beacon is None or beacon.phase in _BEFORE_START:
+        for sysid, beacon, there, here in met:
+            if beacon.phase in _BEFORE_START:
                 continue
-            age_s = peer.fixed_s - peer.beacon_s + LATENCY_S
-            moved = zip(beacon.position_ned_m, beacon.velocity_ned_m_s, strict=True)
-            there = [place + velocity * age_s for place, velocity in moved]
             target = None if beacon.target_ned_m is None else beacon.target_ned_m[:d]
             self.explorer.hear_peer(
-                sysid,
-                now,
-                [0.0] * d,
-                there[:d],
-                target,
-                own_position_m=peer.position_ned_m[:d],
+                sysid, now, [0.0] * d, there[:d], target, own_position_m=here[:d]
             )
 
     def hear(self, sysid: int, payload_type: int, payload: bytes) -> None:

@@ -12,6 +12,7 @@ DO_SET_MODE = 176
 COMPONENT_ARM_DISARM = 400
 RUN_PREARM_CHECKS = 401
 SET_MESSAGE_INTERVAL = 511
+REQUEST_MESSAGE = 512
 COMMAND_NAMES = {
     NAV_LAND: "landing",
     NAV_TAKEOFF: "take-off",
@@ -19,6 +20,7 @@ COMMAND_NAMES = {
     COMPONENT_ARM_DISARM: "arming",
     RUN_PREARM_CHECKS: "a check before arming",
     SET_MESSAGE_INTERVAL: "a stream",
+    REQUEST_MESSAGE: "a message",
 }
 """What a controller asks for, by MAV_CMD."""
 

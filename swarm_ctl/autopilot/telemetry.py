@@ -14,7 +14,7 @@ from swarm_ctl.autopilot.events import Events
 from swarm_ctl.autopilot.px4 import PX4
 from swarm_ctl.autopilot.streams import Streams
 from swarm_ctl.autopilot.texts import Text, Texts
-from swarm_ctl.frames import body_to_ned, rotate
+from swarm_ctl.frames import Geodetic, body_to_ned, rotate, turn, wrap_rad
 from swarm_ctl.model import ZERO, Vec3
 
 AUTOPILOT_COMPONENT = 1
@@ -36,6 +36,7 @@ SUBSCRIBED = (
     "COMMAND_ACK",
     "STATUSTEXT",
     "EVENT",
+    "GPS_GLOBAL_ORIGIN",
     "TUNNEL",
 )
 SCAN_HZ = {"OBSTACLE_DISTANCE": 5.0}
@@ -82,18 +83,16 @@ class VictimFix(NamedTuple):
 class Telemetry:
     """Latest values of one vehicle; times are mission time, -inf for never."""
 
-    def __init__(self, sysid: int) -> None:
+    def __init__(self, sysid: int, yaw_offset_rad: float = 0.0) -> None:
+        """Turn all that is heard, whose estimator's x axis points so far clockwise from north."""
         self.sysid = sysid
         self.streams = Streams()
         self.autopilot: Autopilot | None = None
-        self.heard_s = -math.inf
-        self.heartbeat_s = -math.inf
-        self.position_s = -math.inf
-        self.attitude_s = -math.inf
+        self.heard_s = self.heartbeat_s = -math.inf
+        self.position_s = self.attitude_s = -math.inf
         self.mode_s = -math.inf
         """When the mode was told last, by HEARTBEAT or CURRENT_MODE."""
-        self.armed = False
-        self.custom_mode = -1
+        self.armed, self.custom_mode = False, -1
         self.intended_mode = -1
         """What its user chose, as PX4 tells it; a failsafe flies another mode meanwhile."""
         self.intended_s = -math.inf
@@ -102,8 +101,10 @@ class Telemetry:
         """Whether the checks before arming pass; None when it does not tell."""
         self.unhealthy: list[str] = []
         """The sensors in use that are not healthy."""
+        self.origin: Geodetic | None = None
+        """Where on the globe the estimator's own frame begins; None when it has not told."""
         self.start_ned_m = ZERO
-        """Where the vehicle stood before take-off, in its estimator's own frame."""
+        """Where the vehicle stood before take-off, from where the estimator's own frame begins."""
         self.position_ned_m = ZERO
         """From the start."""
         self.velocity_ned_m_s = ZERO
@@ -131,6 +132,7 @@ class Telemetry:
         self.events = Events()
         self._chunks = Texts()
         self._complaints = Complaints()
+        self._yaw_offset_rad = yaw_offset_rad
         self._handlers = {
             _ID["HEARTBEAT"]: self._heartbeat,
             _ID["CURRENT_MODE"]: self._current_mode,
@@ -146,6 +148,7 @@ class Telemetry:
             _ID["COMMAND_ACK"]: self._ack,
             _ID["STATUSTEXT"]: self._text,
             _ID["EVENT"]: self._event,
+            _ID["GPS_GLOBAL_ORIGIN"]: self._origin,
         }
 
     @property
@@ -254,14 +257,16 @@ class Telemetry:
         attitude = Vec3(values.roll, values.pitch, values.yaw)
         is_repeated = self._is_repeated("ATTITUDE", values.time_boot_ms)
         if all(map(math.isfinite, attitude)) and not is_repeated:
-            self.attitude_rad = attitude
+            yaw_rad = wrap_rad(attitude.z + self._yaw_offset_rad)
+            self.attitude_rad = Vec3(attitude.x, attitude.y, yaw_rad)
             self.yaw_rate_rad_s = values.yawspeed
             self.attitude_s = now
 
     def _local_position(self, values: Any, now: float) -> None:
+        place = turn(Vec3(values.x, values.y, values.z), self._yaw_offset_rad)
+        velocity = turn(Vec3(values.vx, values.vy, values.vz), self._yaw_offset_rad)
         start = self.start_ned_m
-        position = Vec3(values.x - start.x, values.y - start.y, values.z - start.z)
-        velocity = Vec3(values.vx, values.vy, values.vz)
+        position = Vec3(place.x - start.x, place.y - start.y, place.z - start.z)
         is_repeated = self._is_repeated("LOCAL_POSITION_NED", values.time_boot_ms)
         if math.hypot(*velocity) > MOVING_M_S:
             is_repeated |= (position, velocity) == (self.position_ned_m, self.velocity_ned_m_s)
@@ -320,6 +325,12 @@ class Telemetry:
         for_us = values.target_system in {0, self.sysid}
         if for_us and values.target_component in {0, COMPANION_COMPONENT}:
             self.acks.append(Ack(values.command, values.result, values.progress))
+
+    def _origin(self, values: Any, _now: float) -> None:
+        latitude_deg, longitude_deg = values.latitude * 1e-7, values.longitude * 1e-7
+        is_nowhere = values.latitude == values.longitude == 0  # no satellite has told it yet
+        if not is_nowhere and abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0:
+            self.origin = Geodetic(latitude_deg, longitude_deg, values.altitude * 1e-3)
 
     def _text(self, values: Any, now: float) -> None:
         for text in self._chunks.hear(values, now):
