@@ -162,8 +162,13 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _as_mission_error(path: Path, error: ValidationError) -> MissionError:
     detail = first_mistake(error)
-    key = str(detail.get("ctx", {}).get("key") or ".".join(str(part) for part in detail["loc"]))
+    key = str(detail.get("ctx", {}).get("key") or ".".join(map(str, _named(detail["loc"]))))
     return MissionError(path, key, in_words(detail, _unknown_key))
+
+
+def _named(loc: Sequence[int | str]) -> list[int | str]:
+    """Leave out what pydantic says of a key that is no good in itself."""
+    return [part for part in loc if part != "[key]"]
 
 
 def _unknown_key(loc: Sequence[int | str]) -> str:

@@ -116,6 +116,7 @@ _SENTENCES = {
     "string_too_short": "may not be empty",
     "string_too_long": "may have {max_length} characters at most",
     "too_short": "must hold at least one",
+    "too_long": "must hold at most {max_length}",
 }
 _TYPES = {
     "int": "a whole number",

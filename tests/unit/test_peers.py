@@ -1,11 +1,15 @@
+import struct
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.agent.beacon import Beacon, decode, encode, mission_tag
-from swarm_ctl.agent.peers import PeerTable
+from swarm_ctl.agent.frame import Place, Shift
+from swarm_ctl.agent.peers import AGREE_M, LATENCY_S, PeerTable
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot.telemetry import PeerFix
+from swarm_ctl.frames import Geodetic
 from swarm_ctl.model import ZERO, Vec3
 
 TAG = mission_tag("test")
@@ -13,6 +17,10 @@ TAG = mission_tag("test")
 
 def beacon(velocity: Vec3 = ZERO, heard: tuple[int, ...] = ()) -> Beacon:
     return Beacon(TAG, Phase.EXPLORING, velocity, Vec3(1.0, -2.0, -1.5), None, heard)
+
+
+def told_at(place: Vec3, velocity: Vec3 = ZERO) -> Beacon:
+    return Beacon(TAG, Phase.EXPLORING, velocity, place, None, ())
 
 
 def test_a_beacon_comes_back_as_it_was() -> None:
@@ -23,6 +31,41 @@ def test_a_beacon_comes_back_as_it_was() -> None:
 def test_a_beacon_tells_its_target_when_it_has_one() -> None:
     sent = Beacon(TAG, Phase.AVOIDING, ZERO, Vec3(-400.0, 3.25, 0.0), Vec3(0.0, 12.5, -3.0), ())
     assert decode(encode(sent)) == sent
+
+
+@pytest.mark.parametrize(
+    "start",
+    [Vec3(12.5, -3.25, 0.07), Geodetic(-54.8019123, -68.3029511, -12.5), Geodetic(0.0, 179.9, 0.0)],
+)
+def test_a_beacon_tells_where_its_frame_begins(start: Place) -> None:
+    sent = Beacon(TAG, Phase.EXPLORING, ZERO, ZERO, None, (), start)
+    received = decode(encode(sent))
+    assert received is not None
+    assert type(received.start) is type(start)
+    assert received.start == pytest.approx(start, abs=1e-9)
+
+
+def test_a_beacon_of_another_build_is_none() -> None:
+    payload = encode(beacon())
+    assert decode(payload) is not None
+    assert decode(bytes([payload[0] - 1]) + payload[1:]) is None
+
+
+def test_a_beacon_from_nowhere_near_is_none() -> None:
+    payload = bytearray(encode(beacon()))
+    struct.pack_into("<i", payload, 12, 2_000_000_000)  # 20,000 km north, in cm
+    assert decode(bytes(payload)) is None
+
+
+def test_a_start_that_is_not_on_the_globe_is_none() -> None:
+    sent = Beacon(TAG, Phase.EXPLORING, ZERO, ZERO, None, (), Geodetic(90.0, 0.0, 0.0))
+    payload = bytearray(encode(sent))
+    at = len(payload) - 13
+    assert struct.unpack_from("<i", payload, at) == (900_000_000,)
+    struct.pack_into("<i", payload, at, 900_000_001)
+    received = decode(bytes(payload))
+    assert received is not None
+    assert received.start is None
 
 
 def test_a_beacon_fits_a_tunnel_however_many_peers_there_are() -> None:
@@ -72,3 +115,84 @@ def test_a_beacon_heard_before_the_first_fix_is_not_lost() -> None:
     table.fix([PeerFix(7, Vec3(2.0, 0.0, 0.0))], ZERO, now=1.1)
     (peer,) = table.near(ZERO, 1.6)
     assert peer.offset_ned_m == pytest.approx((2.5, 0.0, 0.0))
+
+
+# -- in a shared frame -----------------------------------------------------------------------------
+
+NORTH_10 = Shift(Vec3(10.0, 0.0, 0.0))
+
+
+def test_in_a_shared_frame_a_peer_is_where_it_says() -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(Vec3(1.0, 2.0, -1.5), Vec3(0.0, 1.0, 0.0)), 1.0, NORTH_10)
+    assert table.heard(1.5) == (7,)
+    (peer,) = table.near(Vec3(0.0, 0.0, -1.0), 1.5)
+    assert peer.offset_ned_m == pytest.approx((11.0, 2.5 + LATENCY_S, -0.5))
+    assert peer.velocity_ned_m_s == (0.0, 1.0, 0.0)
+    assert table.contacts(1.9) == ([7], [])
+    assert table.contacts(2.1) == ([], [7])
+
+
+def test_a_peer_that_shares_no_frame_is_heard_and_not_located() -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(Vec3(1.0, 2.0, -1.5)), 1.0, None)
+    assert table.is_ours(7)
+    assert table.near(ZERO, 1.0) == []
+
+
+def test_a_peer_that_tells_no_start_any_more_is_no_longer_located() -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(ZERO), 1.0, NORTH_10)
+    table.beacon(7, told_at(ZERO), 1.2, None)
+    assert table.near(ZERO, 1.2) == []
+
+
+def test_what_the_radio_measures_wins_over_what_a_peer_says() -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(ZERO), 1.0, NORTH_10)
+    table.fix([PeerFix(7, Vec3(9.0, 0.0, 0.0))], ZERO, now=1.0)
+    (peer,) = table.near(ZERO, 1.0)
+    assert peer.offset_ned_m == pytest.approx((9.0, 0.0, 0.0))
+    assert table.doubts(ZERO, 1.0) == []
+
+
+@pytest.mark.parametrize("measured_m", [4.0, 16.0])
+def test_when_measured_and_told_are_at_odds_the_nearer_one_counts(measured_m: float) -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(ZERO), 1.0, NORTH_10)
+    table.fix([PeerFix(7, Vec3(measured_m, 0.0, 0.0))], ZERO, now=1.0)
+    (peer,) = table.near(ZERO, 1.0)
+    assert peer.offset_ned_m.x == pytest.approx(min(10.0, measured_m))
+    ((sysid, apart_m),) = table.doubts(ZERO, 1.0)
+    assert (sysid, apart_m) == pytest.approx((7, 6.0))
+    assert table.doubts(ZERO, 1.1) == []
+
+
+def test_a_difference_in_height_alone_is_a_barometer_and_no_doubt() -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(Vec3(0.0, 0.0, -2.0 * AGREE_M)), 1.0, NORTH_10)
+    table.fix([PeerFix(7, Vec3(10.0, 0.0, 0.0))], ZERO, now=1.0)
+    assert table.doubts(ZERO, 1.0) == []
+
+
+@pytest.mark.parametrize(("told_m", "taken_m"), [(-3.0, 0.0), (3.0, 0.0), (-8.0, -3.0), (8.0, 3.0)])
+def test_a_doubtful_height_is_taken_for_as_near_as_it_may_be(told_m: float, taken_m: float) -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(Vec3(0.0, 0.0, told_m)), 1.0, Shift(ZERO, height_doubt_m=5.0))
+    (peer,) = table.near(Vec3(4.0, 0.0, 0.0), 1.0)
+    assert peer.offset_ned_m == pytest.approx((-4.0, 0.0, taken_m))
+
+
+def test_a_meeting_is_one_place_in_two_frames() -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(Vec3(1.0, 2.0, 0.0), Vec3(1.0, 0.0, 0.0)), 1.0, NORTH_10)
+    table.beacon(8, told_at(ZERO), 1.0, None)
+    (told,) = table.met(1.2)
+    assert told.sysid == 7
+    assert told.there_ned_m == pytest.approx((1.2 + LATENCY_S, 2.0, 0.0))
+    assert told.here_ned_m == pytest.approx((11.2 + LATENCY_S, 2.0, 0.0))
+    table.fix([PeerFix(7, Vec3(11.0, 0.0, 0.0))], ZERO, now=1.2)
+    (measured,) = table.met(1.2)
+    assert measured.there_ned_m == pytest.approx(told.there_ned_m)
+    assert measured.here_ned_m == (11.0, 0.0, 0.0)
+    assert table.met(1.5) == []
