@@ -1,0 +1,1 @@
+"""What would bite in the air, found on the ground: examine autopilots before they fly."""

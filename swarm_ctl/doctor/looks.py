@@ -1,0 +1,300 @@
+"""What of a vehicle itself may not be as it should: one function for each row of the checks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from statistics import median
+
+from swarm_ctl.autopilot.telemetry import RANGE_BY_ORIENTATION, SCAN_HZ
+from swarm_ctl.doctor.chart import Ranges
+from swarm_ctl.doctor.rows import Case
+
+SYSIDS = range(1, 251)
+MULTIROTORS = {
+    2: "quadrotor",
+    3: "coaxial",
+    4: "helicopter",
+    13: "hexarotor",
+    14: "octorotor",
+    15: "tricopter",
+    29: "dodecarotor",
+    35: "decarotor",
+    43: "multirotor",
+}
+"""MAV_TYPE of what can hover and turn on the spot."""
+LOCAL_SETPOINTS = 128
+"""MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED."""
+CRITICAL = {5: "critical", 6: "emergency", 7: "powering off", 8: "terminated"}
+"""MAV_STATE of what does not fly."""
+ESTIMATES: Mapping[str, int] = {
+    "attitude": 1,
+    "horizontal velocity": 2,
+    "vertical velocity": 4,
+    "horizontal position": 8 | 16,
+    "height": 32 | 64,
+}
+"""What is needed of ESTIMATOR_STATUS_FLAGS and EKF_STATUS_FLAGS; one bit of several will do."""
+PX4_FAULTS = {1024: "GPS glitch", 2048: "bad accelerometers"}
+"""Bits of ESTIMATOR_STATUS_FLAGS; PX4 sets 128, constant position, also where all is well."""
+ARDUPILOT_FAULTS = {128: "no position at all", 1024: "not initialised", 32768: "GPS glitch"}
+"""Bits of EKF_STATUS_FLAGS."""
+SIDES = ("front", "back", "left", "right", "up", "down")
+SIDE_BY_ORIENTATION = {
+    orientation: SIDES[index] for orientation, index in RANGE_BY_ORIENTATION.items()
+}
+RANGES = "DISTANCE_SENSOR"
+OPTIONAL = frozenset({"CURRENT_MODE"})
+"""Streams that come as often as there is something new, or not at all in older versions."""
+FIX_3D = 3
+"""GPS_FIX_TYPE; more is better."""
+GOOD_SHARE = 0.7
+"""Of the rate that was asked for."""
+CLOCK_TOLERANCE = 0.1
+STANDING_CM = 50
+"""A rangefinder of a vehicle on the ground is no higher."""
+FEW = 10
+"""Readings that say too little of a rangefinder."""
+FRESH_BATTERY = 0.5
+DEFAULT_RESERVE = 0.25
+"""Without a mission: what a mission has by default."""
+OVERFLOW_PORT = ":14549"
+
+
+# who it is
+
+
+def sysid(case: Case) -> Iterator[str]:
+    """Find a sysid that no peer can use."""
+    if case.chart.sysid not in SYSIDS:
+        yield f"sysid {case.chart.sysid}"
+
+
+def kind(case: Case) -> Iterator[str]:
+    """Find what cannot be flown by velocities."""
+    beat = case.chart.heartbeat
+    if case.chart.autopilot is None:
+        yield f"MAV_AUTOPILOT {beat.autopilot}"
+    if beat.type not in MULTIROTORS:
+        yield f"MAV_TYPE {beat.type}"
+
+
+def twins(case: Case) -> Iterator[str]:
+    """Find several vehicles behind one sysid of one link."""
+    if len(case.chart.uids) > 1:
+        yield f"{len(case.chart.uids)} vehicles answer: uids {', '.join(sorted(case.chart.uids))}"
+
+
+def capabilities(case: Case) -> Iterator[str]:
+    """Find a firmware that takes no setpoints."""
+    version = case.chart.version
+    if version is not None and not version.capabilities & LOCAL_SETPOINTS:
+        yield "it says that it cannot"
+
+
+def rivals(case: Case) -> Iterator[str]:
+    """Find another controller at work."""
+    if case.chart.rivals:
+        yield f"{case.chart.rivals} heartbeats of component 191"
+
+
+# its link
+
+
+def answers(case: Case) -> Iterator[str]:
+    """Find a link that leads in one direction only."""
+    if not case.chart.armed and not case.chart.is_answering:
+        yield "it is heard and does not answer"
+
+
+def one_way_port(case: Case) -> Iterator[str]:
+    """Find a port of PX4's that this examination has bound to itself."""
+    if case.chart.is_px4 and case.chart.place.startswith("udpout"):
+        yield case.chart.place.split()[0]
+
+
+def overflow(case: Case) -> Iterator[str]:
+    """Find the port where PX4's simulators mix."""
+    url = case.chart.place.split()[0]
+    if case.chart.is_px4 and url.startswith("udpin") and url.endswith(OVERFLOW_PORT):
+        yield url
+
+
+def clock(case: Case) -> Iterator[str]:
+    """Find a clock that goes faster or slower than ours."""
+    rate = case.chart.clock_rate
+    if rate is not None and abs(rate - 1.0) > CLOCK_TOLERANCE:
+        yield f"its clock goes {rate:.3g} times as fast as expected"
+
+
+def round_trip(case: Case, least_s: float, most_s: float) -> Iterator[str]:
+    """Find a median round trip within bounds."""
+    trips = case.chart.round_trips_s
+    if trips and least_s < median(trips) <= most_s:
+        yield f"{median(trips) * 1e3:.0f} ms there and back"
+
+
+def loss(case: Case, least: float, most: float) -> Iterator[str]:
+    """Find a share of lost messages within bounds."""
+    chart = case.chart
+    share = chart.lost / max(chart.lost + chart.frames, 1)
+    if least < share <= most:
+        yield f"{share:.1%} of {chart.lost + chart.frames} messages are lost"
+
+
+def streams(case: Case) -> Iterator[str]:
+    """Find streams that come too rarely."""
+    pilot = case.chart.autopilot
+    for name, wanted_hz in pilot.streams_hz.items() if pilot else ():
+        if name not in {*OPTIONAL, RANGES}:
+            yield from _slow(name, case.chart.rate_hz(name), wanted_hz, case)
+
+
+def scan(case: Case) -> Iterator[str]:
+    """Find a level scan that comes too rarely."""
+    for name, wanted_hz in SCAN_HZ.items():
+        yield from _slow(name, case.chart.rate_hz(name), wanted_hz, case)
+
+
+def _slow(name: str, rate_hz: float, wanted_hz: float, case: Case) -> Iterator[str]:
+    if case.chart.measured_s and rate_hz < GOOD_SHARE * wanted_hz:
+        yield f"{name} {rate_hz:.1f} Hz of {wanted_hz:g} Hz"
+
+
+def signing(case: Case) -> Iterator[str]:
+    """Find signatures on one side only."""
+    chart = case.chart
+    if chart.is_signed and not case.has_key:
+        yield "it signs what it says, and there is no key"
+    if chart.refused:
+        yield f"{chart.refused} frames are not signed with the key"
+
+
+# its rangefinders
+
+
+def missing_ranges(case: Case) -> Iterator[str]:
+    """Find sides that nothing looks at."""
+    missing = [side for turn, side in SIDE_BY_ORIENTATION.items() if not _reports(case, turn)]
+    if missing and case.chart.measured_s:
+        yield f"nothing from {', '.join(missing)}"
+
+
+def _reports(case: Case, orientation: int) -> bool:
+    ranges = case.chart.ranges.get(orientation)
+    return ranges is not None and ranges.invalid < ranges.count
+
+
+def slow_ranges(case: Case) -> Iterator[str]:
+    """Find rangefinders that speak too rarely."""
+    pilot = case.chart.autopilot
+    wanted_hz = pilot.streams_hz[RANGES] if pilot else 0.0
+    for side, ranges in _sides(case):
+        rate_hz = ranges.count / max(case.chart.measured_s, 0.1)
+        yield from _slow(side, rate_hz, wanted_hz, case)
+
+
+def dead_ranges(case: Case) -> Iterator[str]:
+    """Find rangefinders that read nothing but less than they can measure."""
+    for side, ranges in _sides(case):
+        farthest = max(ranges.readings_cm, default=0)
+        if side != "down" and ranges.count >= FEW and farthest < ranges.nearest_cm:
+            yield f"{side} reads {farthest * 0.01:g} m, below its {ranges.nearest_m:g} m at least"
+
+
+def floating(case: Case) -> Iterator[str]:
+    """Find a down rangefinder that sees no ground under a vehicle that stands on it."""
+    for side, ranges in _sides(case):
+        nearest = min(ranges.readings_cm, default=0)
+        if side == "down" and ranges.count >= FEW and nearest > STANDING_CM:
+            yield f"down reads {nearest * 0.01:g} m at least"
+
+
+def blind_ranges(case: Case) -> Iterator[str]:
+    """Find rangefinders whose range is empty."""
+    for side, ranges in _sides(case):
+        if ranges.farthest_cm <= ranges.nearest_cm:
+            yield f"{side} says it reaches {ranges.farthest_m:g} m"
+
+
+def _sides(case: Case) -> Iterator[tuple[str, Ranges]]:
+    for orientation, ranges in case.chart.ranges.items():
+        if orientation in SIDE_BY_ORIENTATION:
+            yield SIDE_BY_ORIENTATION[orientation], ranges
+
+
+# its readiness
+
+
+def armed(case: Case) -> Iterator[str]:
+    """Find an armed vehicle."""
+    if case.chart.armed:
+        yield "armed; nothing was asked of it"
+
+
+def state(case: Case) -> Iterator[str]:
+    """Find a failsafe at work."""
+    state = CRITICAL.get(case.chart.telemetry.system_status)
+    if state is not None:
+        yield state
+
+
+def prearm(case: Case) -> Iterator[str]:
+    """Find a vehicle that would not arm, and its own reasons."""
+    if case.chart.measured_s and not case.chart.telemetry.is_ready:
+        yield f"it would not arm: {case.chart.reasons or 'it does not say why'}"
+
+
+def no_position(case: Case) -> Iterator[str]:
+    """Find a vehicle that does not tell where it is."""
+    if case.chart.measured_s and not case.chart.rate_hz("LOCAL_POSITION_NED"):
+        yield "no LOCAL_POSITION_NED"
+
+
+def estimates(case: Case) -> Iterator[str]:
+    """Find what the estimator lacks, or complains about."""
+    flags = case.chart.estimator
+    if flags is None:
+        return
+    missing = [name for name, bits in ESTIMATES.items() if not flags & bits]
+    faults = PX4_FAULTS if case.chart.is_px4 else ARDUPILOT_FAULTS
+    found = [f"no {name}" for name in missing]
+    found += [fault for bit, fault in faults.items() if flags & bit]
+    if found:
+        yield ", ".join(found)
+
+
+def satellites(case: Case) -> Iterator[str]:
+    """Find a receiver without a fix."""
+    if case.chart.gnss_fix is not None and case.chart.gnss_fix < FIX_3D:
+        yield "no fix in three dimensions"
+
+
+def _battery(case: Case) -> float | None:
+    status = case.chart.status
+    return (
+        None if status is None or status.battery_remaining < 0 else status.battery_remaining / 100
+    )
+
+
+def unknown_battery(case: Case) -> Iterator[str]:
+    """Find a battery nobody watches."""
+    if case.chart.status is not None and _battery(case) is None:
+        yield "its charge is not known"
+
+
+def low_battery(case: Case) -> Iterator[str]:
+    """Find a battery that ends the mission at once."""
+    charge, reserve = _battery(case), _reserve(case)
+    if charge is not None and charge <= reserve:
+        yield f"{charge:.0%}, and it turns home at {reserve:.0%}"
+
+
+def used_battery(case: Case) -> Iterator[str]:
+    """Find a battery that was flown before."""
+    charge = _battery(case)
+    if charge is not None and _reserve(case) < charge < FRESH_BATTERY:
+        yield f"{charge:.0%}"
+
+
+def _reserve(case: Case) -> float:
+    return case.mission.limits.battery_reserve if case.mission else DEFAULT_RESERVE
