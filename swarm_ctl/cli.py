@@ -19,6 +19,7 @@ import typer
 from rich.console import Console
 
 import swarm_ctl
+from swarm_ctl.cli_doctor import doctor
 from swarm_ctl.cli_experiment import INTERRUPTED, PipeConsole, experiment, tune
 from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.flight import Faults, discard, finish
@@ -189,6 +190,7 @@ def check(
     )
 
 
+app.command()(doctor)
 app.command()(experiment)
 app.command()(tune)
 
