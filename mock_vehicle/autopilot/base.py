@@ -191,6 +191,11 @@ class Autopilot(Personality):
             for sequence, chunk in enumerate(chunks):
                 self.send(STATUSTEXT, severity, chunk, number, sequence)
 
+    def refuse_to_arm(self, texts: Sequence[str], now: float) -> None:
+        """Say why."""
+        for text in texts:
+            self.say(Severity.CRITICAL, text, now)
+
     def inform(self, texts: tuple[str, ...], now: float) -> None:
         """Send texts that warn of nothing."""
         for text in texts:

@@ -123,8 +123,7 @@ def _arm(autopilot: Autopilot, now: float, *, force: bool) -> int:
     if refusals is None:
         autopilot.arm(now)
         return Result.ACCEPTED
-    for text in refusals:
-        autopilot.say(Severity.CRITICAL, text, now)
+    autopilot.refuse_to_arm(refusals, now)
     return autopilot.traits.denial
 
 

@@ -139,7 +139,6 @@ PX4_COMMANDS: Mapping[int, CommandHandler] = {
     PREFLIGHT_CALIBRATION: calibrate_px4,
     PREFLIGHT_STORAGE: store_px4,
     PREFLIGHT_REBOOT_SHUTDOWN: reboot,
-    RUN_PREARM_CHECKS: always(Result.ACCEPTED),
 }
 ARDUPILOT_COMMANDS: Mapping[int, CommandHandler] = {
     DO_SET_SERVO: always(Result.ACCEPTED),

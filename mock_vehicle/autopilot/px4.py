@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from mock_vehicle.autopilot import (
@@ -17,6 +17,7 @@ from mock_vehicle.autopilot import (
     missions,
     parameter_service,
     parameters,
+    px4_events,
     px4_telemetry,
     requests,
     tuning,
@@ -104,6 +105,7 @@ class Px4(Autopilot):
         **requests.COMMANDS,
         **gnss.COMMANDS,
         **maintenance.PX4_COMMANDS,
+        maintenance.RUN_PREARM_CHECKS: px4_events.report_checks,
         requests.REQUEST_PROTOCOL_VERSION: requests.request_protocol_version,
         commands.DO_SET_MODE: set_mode,
         commands.NAV_TAKEOFF: takeoff,
@@ -134,6 +136,7 @@ class Px4(Autopilot):
     def _restart(self, now: float) -> None:
         self.failsafe = Failsafe()
         self._loop_at = -math.inf
+        self.events_told = 0
         super()._restart(now)
 
     def receive(self, frame: wire.Frame, link: Link, now: float) -> None:
@@ -249,12 +252,18 @@ class Px4(Autopilot):
 
     def _can_enter_armed(self, number: int, now: float) -> bool:
         if number == OFFBOARD:
-            return self._has_setpoints(now)
+            return self.has_setpoints(now)
         if number == AUTO_MISSION:
             return self.can_fly_mission
         return MODES[number].can_enter_flying
 
-    def _has_setpoints(self, now: float) -> bool:
+    def refuse_to_arm(self, texts: Sequence[str], now: float) -> None:
+        """Say it by an event, too."""
+        super().refuse_to_arm(texts, now)
+        px4_events.deny_arming(self, now)
+
+    def has_setpoints(self, now: float) -> bool:
+        """Whether there is something to follow in OFFBOARD."""
         return now - self.setpoint_at <= self.traits.setpoint_timeout_s
 
     def enter(self, number: int, now: float) -> None:
@@ -286,7 +295,7 @@ class Px4(Autopilot):
 
     def has_lost_setpoints(self, now: float) -> bool:
         """Whether OFFBOARD has nothing to follow."""
-        return self.mode == OFFBOARD and not self._has_setpoints(now)
+        return self.mode == OFFBOARD and not self.has_setpoints(now)
 
     def hears_gcs(self, now: float) -> bool:
         """Whether a ground station's heartbeats come, over whichever link."""

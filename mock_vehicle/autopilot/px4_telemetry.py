@@ -9,14 +9,22 @@ from typing import TYPE_CHECKING
 from mock_vehicle.autopilot import clock, gnss, imu, progress, ranging, requests, status, streams
 from mock_vehicle.autopilot.clock import boot_ms, boot_us
 from mock_vehicle.autopilot.gnss import e7, home_of, place_of
-from mock_vehicle.autopilot.link import Encoder
+from mock_vehicle.autopilot.link import EARLY_S, Encoder
 from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, Setpoint
+from mock_vehicle.autopilot.px4_traits import (
+    AUTO_LAND,
+    AUTO_MISSION,
+    AUTO_RTL,
+    AUTO_TAKEOFF,
+    POSCTL,
+)
 from mock_vehicle.autopilot.traits import Manoeuvre
 from swarm_ctl import wire
 
 if TYPE_CHECKING:
     from mock_vehicle.autopilot.base import Autopilot
 
+CURRENT_MODE = wire.message("CURRENT_MODE")
 ESTIMATOR_STATUS = wire.message("ESTIMATOR_STATUS")
 FLIGHT_INFORMATION = wire.message("FLIGHT_INFORMATION")
 ODOMETRY = wire.message("ODOMETRY")
@@ -24,6 +32,10 @@ OPEN_DRONE_ID_LOCATION = wire.message("OPEN_DRONE_ID_LOCATION")
 OPEN_DRONE_ID_SYSTEM = wire.message("OPEN_DRONE_ID_SYSTEM")
 POSITION_TARGET_LOCAL_NED = wire.message("POSITION_TARGET_LOCAL_NED")
 
+STANDARD_MODES = {POSCTL: 1, AUTO_RTL: 5, AUTO_MISSION: 6, AUTO_LAND: 7, AUTO_TAKEOFF: 8}
+"""MAV_STANDARD_MODE by custom_mode; the others are PX4's own."""
+MODES_EVERY_S = 0.5
+"""How often PX4 publishes its state though nothing has changed."""
 FRAME_LOCAL_NED = 1
 ESTIMATOR_AUTOPILOT = 8
 POSE_VARIANCE = {0: 0.04, 6: 0.04, 11: 0.003, 15: 0.0004, 18: 0.0004, 20: 0.03}
@@ -63,6 +75,21 @@ def odometry(autopilot: Autopilot, now: float) -> None:
         ESTIMATOR_AUTOPILOT,
         0,
     )
+
+
+def current_mode(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
+    """Send CURRENT_MODE: what is flown, and what its user chose."""
+    flown, chosen = autopilot.reported_mode, autopilot.mode
+    autopilot.send(CURRENT_MODE, STANDARD_MODES.get(flown, 0), flown, chosen)
+
+
+def changed_mode(autopilot: Autopilot, now: float) -> None:
+    """Send CURRENT_MODE when it has changed, or was not told for a while."""
+    link, modes = autopilot.to[0], (autopilot.reported_mode, autopilot.mode)
+    *told, told_at = link.modes_told
+    if tuple(told) != modes or now - told_at > MODES_EVERY_S - EARLY_S:
+        link.modes_told = (*modes, now)
+        current_mode(autopilot, now)
 
 
 def estimator_status(autopilot: Autopilot, now: float) -> None:
@@ -172,7 +199,7 @@ STREAMS: Mapping[int, Encoder] = {
     gnss.GLOBAL_POSITION_INT.id: gnss.known_global_position,
     gnss.ALTITUDE.id: gnss.altitude,
     clock.PING.id: clock.ask_ping,
-    requests.CURRENT_MODE_ID: requests.nothing,
+    CURRENT_MODE.id: changed_mode,
     ESTIMATOR_STATUS.id: estimator_status,
     progress.MISSION_CURRENT.id: progress.mission_current,
     ODOMETRY.id: odometry,
@@ -185,6 +212,7 @@ STREAMS: Mapping[int, Encoder] = {
 REQUESTS: Mapping[int, Encoder] = {
     **STREAMS,
     **requests.MESSAGES,
+    CURRENT_MODE.id: current_mode,
     FLIGHT_INFORMATION.id: flight_information,
     requests.PROTOCOL_VERSION.id: requests.protocol_version,
     requests.COMPONENT_INFORMATION_ID: requests.nothing,

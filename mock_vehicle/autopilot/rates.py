@@ -58,6 +58,7 @@ PX4_COMPANION = _intervals_s(
         "SCALED_PRESSURE": 1.0,
         "SYSTEM_TIME": 1.0,
         "BATTERY_STATUS": 0.5,
+        "CURRENT_MODE": 0.5,
         "HOME_POSITION": 0.5,
         "VIBRATION": 0.5,
     }
@@ -83,6 +84,7 @@ PX4_GROUND = _intervals_s(
         "SYS_STATUS": 1.0,
         "MISSION_CURRENT": 1.0,
         "BATTERY_STATUS": 0.5,
+        "CURRENT_MODE": 0.5,
         "DISTANCE_SENSOR": 0.5,
         "ESTIMATOR_STATUS": 0.5,
         "HOME_POSITION": 0.5,

@@ -46,7 +46,6 @@ def autopilot_version(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
 COMPONENT_INFORMATION_ID = 395
 COMPONENT_METADATA_ID = 397
 AVAILABLE_MODES_ID = 435
-CURRENT_MODE_ID = 436
 """Messages that the dialect does not know: acknowledged as recorded, and never sent."""
 
 

@@ -152,6 +152,11 @@ CHECKS = _numbered(
 )
 """Checks before arming, told in a report: arguments are the modes they bar, and a component."""
 
+ESTIMATES = frozenset(
+    map(number_of, ("check_modes_local_alt", "check_modes_local_pos", "check_modes_attitude"))
+)
+"""Velocities need these, though PX4 counts them against offboard only as missing setpoints."""
+
 FAILSAFES = _numbered(
     {
         "commander_failsafe_enter": "failsafe: {cause}, {action}",
@@ -244,7 +249,8 @@ class Events:
             self.barriers, self._report = report.barriers(), None
             self.may_arm = self.barriers in {(), (NO_SETPOINTS,)}
         elif number in CHECKS or (report is not None and level <= ERROR):
-            if report is not None and _BARRED(values.arguments)[0] & OFFBOARD_GROUP:
+            bars = number in ESTIMATES or _BARRED(values.arguments)[0] & OFFBOARD_GROUP
+            if report is not None and bars:
                 report.found.append((level, CHECKS.get(number) or f"check {number} of PX4"))
         elif number in FAILSAFES:
             return Text(level, _failsafe(FAILSAFES[number], values.arguments))

@@ -66,7 +66,7 @@ def rate(
     stop: Any = None,
 ) -> dict[str, Any]:
     """Describe one measurement: when to repeat it, how long it took, messages per second."""
-    known = {m.msgname for m in mavlink.mavlink_map.values()}
+    known = {m.msgname for m in mavlink.mavlink_map.values()} | {"CURRENT_MODE"}
     hz = {
         name: round(hz["hz"] if isinstance(hz, dict) else hz, 2)
         for name, hz in heard.items()

@@ -69,6 +69,7 @@ RECORDED_HZ: dict[int, dict[str, float]] = {
         "SCALED_PRESSURE": 1.0,
         "SYSTEM_TIME": 1.0,
         "BATTERY_STATUS": 0.5,
+        "UNKNOWN_436": 0.5,  # CURRENT_MODE, which pymavlink does not know
         "HOME_POSITION": 0.5,
         "VIBRATION": 0.5,
     },
@@ -91,6 +92,7 @@ RECORDED_HZ: dict[int, dict[str, float]] = {
         "SYS_STATUS": 1.0,
         "MISSION_CURRENT": 1.0,
         "BATTERY_STATUS": 0.5,
+        "UNKNOWN_436": 0.5,
         "ESTIMATOR_STATUS": 0.5,
         "HOME_POSITION": 0.5,
         "PING": 0.1,
