@@ -345,7 +345,7 @@ class ArduPilot(Autopilot):
         """Start, check, fail safe, and brake when a velocity has grown old."""
         if not self._has_started and self.uptime_s(now) >= self.boot.standby_s:
             self._start(now)
-        if now - self._checked_at >= PREARM_EVERY_S:
+        if self.is_talkative and now - self._checked_at >= PREARM_EVERY_S:
             self.check(now)
         if self.is_talkative:
             self._flight_log.run(self, now)
@@ -359,7 +359,7 @@ class ArduPilot(Autopilot):
     def check(self, now: float) -> None:
         """Say why it would not arm."""
         self._checked_at = now
-        if self.is_talkative and not self.armed:
+        if not self.armed:
             for reason in self.failed_checks(now):
                 self.say(Severity.CRITICAL, f"PreArm: {reason}", now)
 

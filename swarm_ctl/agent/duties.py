@@ -17,7 +17,8 @@ from swarm_ctl.model import ZERO, Vec3
 if TYPE_CHECKING:
     from swarm_ctl.agent.agent import Agent
 
-CHECK_AGAIN_S = 5.0
+CHECK_AGAIN_S = 4.0
+"""Between two questions what keeps a vehicle from being ready."""
 ARM_S = 30.0
 TAKEOFF_S = 40.0
 TAKEOFF_AGAIN_S = 8.0
@@ -44,9 +45,10 @@ def connect(agent: Agent) -> Vec3 | None:
         mode = agent.telemetry.mode_name
         agent.enter(Cause.FAULT, f"armed already, in {mode}: somebody else flies it")
         return None
-    if not agent.telemetry.is_ready and agent.is_time_to_ask:
-        agent.ask(command(commands.RUN_PREARM_CHECKS), CHECK_AGAIN_S)
-    if not missing(agent):
+    if missing(agent):
+        if agent.in_phase_s > CHECK_AGAIN_S and agent.is_time_to_ask:
+            agent.ask(command(commands.RUN_PREARM_CHECKS), CHECK_AGAIN_S)
+    else:
         name = agent.telemetry.autopilot.name
         agent.note("Connected", autopilot=name)
         agent.enter(Cause.CHECKED, f"{name} ready")
