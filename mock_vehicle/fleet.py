@@ -139,6 +139,7 @@ class Fleet:
             radius_m=spec.radio.radius_m,
             delay_s=spec.radio.delay_s,
             loss_fraction=spec.radio.loss_fraction,
+            ranging=spec.radio.ranging,
             range_noise_m=sensors.radio_range_noise_m,
             bearing_noise_rad=math.radians(sensors.bearing_noise_deg),
             rng=rngs[1],

@@ -25,6 +25,7 @@ class Radio:
         radius_m: float,
         delay_s: float = 0.0,
         loss_fraction: float = 0.0,
+        ranging: bool = True,
         range_noise_m: float = 0.0,
         bearing_noise_rad: float = 0.0,
         rng: np.random.Generator,
@@ -33,6 +34,7 @@ class Radio:
         self._radius_m = radius_m
         self._delay_s = delay_s
         self._loss_fraction = loss_fraction
+        self._ranging = ranging
         self._range_noise_m = range_noise_m
         self._bearing_noise_rad = bearing_noise_rad
         self._rng = rng
@@ -65,6 +67,8 @@ class Radio:
     ) -> list[list[PeerFix]]:
         """Measure every heard peer: range, and direction in the hearer's body FRD frame."""
         heard: list[list[PeerFix]] = [[] for _ in self._sysids]
+        if not self._ranging:
+            return heard
         hearer, peer = np.nonzero(self.linked)
         received = self._receives(hearer, peer)
         hearer, peer = hearer[received], peer[received]

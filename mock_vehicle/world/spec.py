@@ -206,6 +206,8 @@ class RadioSpec(_Section):
     """Time from sending to hearing, s."""
     loss_fraction: Fraction = 0.0
     """Share of frames that get lost."""
+    ranging: bool = True
+    """Whether it also measures range and bearing of whom it hears."""
 
 
 class InfraredSpec(_Section):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from mock_vehicle.sensors.readings import PeerFix
 Floats = NDArray[np.float64]
 
 
-def radio(n: int, *, seed: int = 1, **options: float) -> Radio:
+def radio(n: int, *, seed: int = 1, **options: Any) -> Radio:
     rng = np.random.default_rng(seed)
     return Radio(range(1, n + 1), radius_m=2.0, rng=rng, **options)
 
@@ -72,6 +73,14 @@ def test_loss_takes_its_share() -> None:
     for _ in range(2000):
         air.send(0, b"beacon", 1.0)
     assert len(air.carry(1.0)) / 2000 == pytest.approx(0.7, abs=0.03)  # 3 sigma
+
+
+def test_a_radio_without_ranging_carries_frames_and_measures_nobody() -> None:
+    air = radio(2, ranging=False)
+    at = listen(air, [(0, 0, 0), (1.5, 0, 0)])
+    air.send(0, b"beacon", 1.0)
+    assert air.carry(1.02) == [(1, b"beacon")]
+    assert air.fixes(at, attitude(2)) == [[], []]
 
 
 def test_a_silenced_radio_is_off_the_air_until_restored() -> None:

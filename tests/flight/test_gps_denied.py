@@ -1,0 +1,147 @@
+"""Flights without satellites, and in frames that vehicles share; closest approaches are printed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from flight_log import Flight
+
+from mock_vehicle.fleet import Fleet
+from swarm_ctl import wire
+from swarm_ctl.agent.phases import Phase
+from swarm_ctl.frames import turn
+from swarm_ctl.model import Vec3
+
+Launch = Callable[..., Flight]
+EXPLORES = ("exploring", "avoiding")
+STARTS = {1: [3, 3, 0], 2: [5, 3, 0], 3: [3, 5, 0], 4: [5, 5, 0]}
+SURVEYED = {"shared": "surveyed", "starts_m": STARTS}
+GNSS = {"shared": "gnss"}
+DENIED = {"reception": "denied"}
+ROOM: dict[str, Any] = {
+    "size_m": [10, 10],
+    "starts": {"grid": {"origin_m": [3, 3], "spacing_m": 2.0, "columns": 2}},
+    "radio": {"radius_m": 50.0, "ranging": False},
+}
+"""A room too small for four, whose radios carry beacons and measure nobody."""
+
+
+def truly_m(flight: Flight, sysid: int) -> np.ndarray[Any, Any]:
+    """Give where a vehicle is, NED in the world."""
+    place: np.ndarray[Any, Any] = flight.arena.fleet.dynamics.position_ned_m[sysid - 1]
+    return place
+
+
+def seen_wrong_m(flight: Flight) -> float:
+    """Give how far from the truth a vehicle sees any of its peers, at most."""
+    worst = 0.0
+    for controller in flight.arena.controllers:
+        agent = controller.agent
+        for sysid, peer in zip(agent.peers.heard(agent.now), agent.neighbours, strict=True):
+            gap = truly_m(flight, sysid) - truly_m(flight, agent.sysid)
+            worst = max(worst, math.dist(gap, peer.offset_ned_m))
+    return worst
+
+
+def explore_together(flight: Flight) -> float:
+    """Fly to the end; give how far from the truth a peer was seen while all explored."""
+    flight.fly_until(lambda: flight.all_in(*EXPLORES))
+    worst = 0.0
+    while flight.all_in(*EXPLORES):
+        flight.fly(0.5)
+        worst = max(worst, seen_wrong_m(flight))
+    flight.fly_to_the_end()
+    assert [c.agent.trouble for c in flight.arena.controllers] == [""] * len(
+        flight.arena.controllers
+    )
+    print(f"closest approach {flight.truth()['min_separation_m']:.2f} m, seen {worst:.2f} m off")  # noqa: T201
+    return worst
+
+
+# -- without satellites ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_without_satellites_vehicles_explore_and_come_home(launch: Launch, autopilot: str) -> None:
+    sensors = {"odometry_drift_fraction": 0.01}
+    flight = launch(autopilot=autopilot, world={"gnss": DENIED, "sensors": sensors})
+    explore_together(flight)
+    assert flight.all_in("done")
+    assert flight.truth()["coverage_fraction"] > 0.1
+    assert flight.truth()["collisions"] == 0
+    for vehicle, controller in zip(flight.arena.fleet.vehicles, flight.arena.controllers, strict=True):
+        assert not vehicle.autopilot.navigation.has_origin, "nobody has told it where on the globe"
+        assert controller.agent.telemetry.origin is None
+        assert math.dist(truly_m(flight, vehicle.sysid), vehicle.home_ned_m) < 1.5
+
+
+def test_an_autopilot_without_satellites_is_told_its_origin(launch: Launch) -> None:
+    frame = {**SURVEYED, "origin": [-33.9, 151.2, 20.0]}
+    flight = launch(autopilot="mixed", world={**ROOM, "gnss": DENIED}, frame=frame)
+    flight.fly_until(lambda: all(c.agent.telemetry.origin for c in flight.arena.controllers))
+    one, two = (c.agent.telemetry.origin for c in flight.arena.controllers)
+    assert one is not None
+    assert two is not None
+    assert (two.longitude_deg - one.longitude_deg) * 92_400 == pytest.approx(2.0, abs=0.05)
+    assert one.latitude_deg == pytest.approx(-33.9 + 3.0 / 110_900, abs=1e-6)
+    assert not any(vehicle.armed for vehicle in flight.arena.fleet.vehicles)
+
+
+def test_a_frame_of_satellites_is_not_flown_without_them(launch: Launch) -> None:
+    flight = launch(world={"gnss": DENIED}, frame=GNSS)
+    flight.fly_to_the_end()
+    assert flight.all_in("failed")
+    assert "no origin on the globe" in flight.agent(1).trouble
+    assert not any(vehicle.armed for vehicle in flight.arena.fleet.vehicles)
+
+
+# -- in a shared frame, by beacons alone -----------------------------------------------------------
+
+
+@pytest.mark.parametrize(("frame", "gnss"), [(SURVEYED, DENIED), (GNSS, {})], ids=["surveyed", "gnss"])
+def test_vehicles_whom_nobody_measures_keep_apart_by_what_they_tell(
+    launch: Launch, frame: dict[str, Any], gnss: dict[str, Any]
+) -> None:
+    world = {**ROOM, "gnss": gnss}
+    flight = launch(vehicles=4, autopilot="mixed", duration_s=60.0, world=world, frame=frame)
+    assert explore_together(flight) < 0.4
+    assert flight.truth()["min_separation_m"] > 0.85
+    assert flight.truth()["collisions"] == 0
+
+
+def test_without_a_shared_frame_the_same_vehicles_come_too_close(launch: Launch) -> None:
+    flight = launch(vehicles=4, autopilot="mixed", duration_s=60.0, world={**ROOM, "gnss": DENIED})
+    explore_together(flight)
+    assert all(not c.agent.peers.heard(c.agent.now) for c in flight.arena.controllers)
+    assert flight.truth()["min_separation_m"] < 0.8
+
+
+@pytest.mark.parametrize(("frame", "learns"), [({}, False), (SURVEYED, True)], ids=["none", "surveyed"])
+def test_the_ground_that_others_have_seen_is_shared_in_a_shared_frame(
+    launch: Launch, frame: dict[str, Any], learns: bool
+) -> None:
+    flight = launch(world=ROOM, frame=frame, planner={"kind": "explore"}, duration_s=100.0)
+    flight.fly_until(lambda: flight.all_in(*EXPLORES))
+    flight.fly(20)
+    sharing = flight.agent(1)._sharing
+    assert sharing is not None
+    assert bool(sharing.explorer.trails.length(2)) == learns
+    place = truly_m(flight, 2) - truly_m(flight, 1) + np.array(flight.agent(1).telemetry.position_ned_m)
+    assert bool(sharing.explorer.memory.flags(place[:2])) == learns
+
+
+def test_a_peer_that_the_radio_measures_elsewhere_than_it_says_is_noted_once(
+    launch: Launch,
+) -> None:
+    world = {**ROOM, "gnss": DENIED, "radio": {"radius_m": 50.0}}
+    lost = ("drift:1@25,fraction=0,jump_m=6",)
+    flight = launch(world=world, frame=SURVEYED, duration_s=40.0, faults=lost)
+    flight.fly_to_the_end()
+    events = flight.events("PeerElsewhere")
+    assert [(event.sysid, event.data["peer"]) for event in events] == [(2, 1), (1, 2)]
+    assert events[0].data["apart_m"] == pytest.approx(6.0, abs=1.0)
+    assert flight.truth()["min_separation_m"] > 0.75
