@@ -48,6 +48,7 @@ def connect(agent: Agent) -> Vec3 | None:
     if missing(agent):
         if agent.in_phase_s > CHECK_AGAIN_S and agent.is_time_to_ask:
             agent.ask(command(commands.RUN_PREARM_CHECKS), CHECK_AGAIN_S)
+            _leave_landing_mode(agent)
     else:
         name = agent.telemetry.autopilot.name
         agent.note("Connected", autopilot=name)
@@ -175,6 +176,15 @@ DUTIES: dict[Phase, Duty] = {
     Phase.YIELDED: give_way,
     Phase.LOST: listen,
 }
+
+
+def _leave_landing_mode(agent: Agent) -> None:
+    """Change the mode in which the last flight ended: no autopilot is ready in it."""
+    pilot = agent.telemetry.autopilot
+    if pilot and agent.telemetry.custom_mode == pilot.land_mode:
+        agent.commands.request(
+            command(commands.DO_SET_MODE, CUSTOM_MODE_FLAG, *pilot.waiting_parameters)
+        )
 
 
 def _settle(agent: Agent, cause: Cause, reason: str) -> Vec3 | None:

@@ -40,6 +40,7 @@ ARDUPILOT = Autopilot(
     heartbeat_id=3,
     offboard_mode=GUIDED,
     offboard_parameters=(float(GUIDED), 0.0),
+    waiting_parameters=(float(GUIDED), 0.0),
     land_mode=LAND,
     takeoff_by_command=True,
     resumes_from_failsafe=False,

@@ -22,6 +22,8 @@ class Autopilot:
     """HEARTBEAT.custom_mode of the mode that obeys a companion's setpoints."""
     offboard_parameters: tuple[float, float]
     """DO_SET_MODE parameters 2 and 3 that ask for it."""
+    waiting_parameters: tuple[float, float]
+    """The same for a mode in which it may stand armed and wait; a landing leaves it in none."""
     land_mode: int
     """HEARTBEAT.custom_mode while it lands by itself."""
     takeoff_by_command: bool

@@ -44,6 +44,7 @@ PX4 = Autopilot(
     heartbeat_id=12,
     offboard_mode=custom_mode(OFFBOARD),
     offboard_parameters=(float(OFFBOARD), 0.0),
+    waiting_parameters=(float(AUTO), 3.0),
     land_mode=custom_mode(AUTO, 6),
     takeoff_by_command=False,
     resumes_from_failsafe=True,

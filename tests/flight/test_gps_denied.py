@@ -73,7 +73,9 @@ def test_without_satellites_vehicles_explore_and_come_home(launch: Launch, autop
     assert flight.all_in("done")
     assert flight.truth()["coverage_fraction"] > 0.1
     assert flight.truth()["collisions"] == 0
-    for vehicle, controller in zip(flight.arena.fleet.vehicles, flight.arena.controllers, strict=True):
+    for vehicle, controller in zip(
+        flight.arena.fleet.vehicles, flight.arena.controllers, strict=True
+    ):
         assert not vehicle.autopilot.navigation.has_origin, "nobody has told it where on the globe"
         assert controller.agent.telemetry.origin is None
         assert math.dist(truly_m(flight, vehicle.sysid), vehicle.home_ned_m) < 1.5
@@ -102,7 +104,9 @@ def test_a_frame_of_satellites_is_not_flown_without_them(launch: Launch) -> None
 # -- in a shared frame, by beacons alone -----------------------------------------------------------
 
 
-@pytest.mark.parametrize(("frame", "gnss"), [(SURVEYED, DENIED), (GNSS, {})], ids=["surveyed", "gnss"])
+@pytest.mark.parametrize(
+    ("frame", "gnss"), [(SURVEYED, DENIED), (GNSS, {})], ids=["surveyed", "gnss"]
+)
 def test_vehicles_whom_nobody_measures_keep_apart_by_what_they_tell(
     launch: Launch, frame: dict[str, Any], gnss: dict[str, Any]
 ) -> None:
@@ -120,7 +124,9 @@ def test_without_a_shared_frame_the_same_vehicles_come_too_close(launch: Launch)
     assert flight.truth()["min_separation_m"] < 0.8
 
 
-@pytest.mark.parametrize(("frame", "learns"), [({}, False), (SURVEYED, True)], ids=["none", "surveyed"])
+@pytest.mark.parametrize(
+    ("frame", "learns"), [({}, False), (SURVEYED, True)], ids=["none", "surveyed"]
+)
 def test_the_ground_that_others_have_seen_is_shared_in_a_shared_frame(
     launch: Launch, frame: dict[str, Any], learns: bool
 ) -> None:
@@ -130,7 +136,9 @@ def test_the_ground_that_others_have_seen_is_shared_in_a_shared_frame(
     sharing = flight.agent(1)._sharing
     assert sharing is not None
     assert bool(sharing.explorer.trails.length(2)) == learns
-    place = truly_m(flight, 2) - truly_m(flight, 1) + np.array(flight.agent(1).telemetry.position_ned_m)
+    place = (
+        truly_m(flight, 2) - truly_m(flight, 1) + np.array(flight.agent(1).telemetry.position_ned_m)
+    )
     assert bool(sharing.explorer.memory.flags(place[:2])) == learns
 
 
