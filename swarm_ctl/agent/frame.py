@@ -93,7 +93,7 @@ class SharedFrame:
     """Where one vehicle's own frame lies in the shared one."""
 
     def __init__(self, params: FrameParams, sysid: int) -> None:
-        self.needs_satellites = params.shared == "gnss"
+        self._has_satellites = params.shared == "gnss"
         self.yaw_offset_rad = math.radians(params.yaw_offset_deg.get(sysid, 0.0))
         surveyed = params.starts_m.get(sysid)
         self._start = enu_to_ned(Vec3(*surveyed)) if surveyed else None
@@ -102,15 +102,19 @@ class SharedFrame:
 
     def start(self, telemetry: Telemetry) -> Place | None:
         """Give the place of the vehicle's own start; None while nobody has told it."""
-        if self.needs_satellites and telemetry.origin is not None:
+        if self._has_satellites and telemetry.origin is not None:
             return ned_to_geodetic(telemetry.start_ned_m, telemetry.origin)
         return self._start
 
+    def lacks_origin(self, telemetry: Telemetry) -> bool:
+        """Whether the mission wants an origin on the globe, and the autopilot has told none."""
+        is_wanted = self._has_satellites or self._origin is not None
+        return is_wanted and telemetry.origin is None
+
     def is_time_to_ask(self, telemetry: Telemetry, now: float) -> bool:
         """Whether an autopilot on the ground is to be asked where its own origin lies."""
-        is_used = self.needs_satellites or self._origin is not None
-        is_open = telemetry.origin is None and telemetry.autopilot is not None
-        if not is_used or not is_open or telemetry.armed or now < self._ask_s:
+        is_heard = telemetry.autopilot is not None
+        if not is_heard or not self.lacks_origin(telemetry) or telemetry.armed or now < self._ask_s:
             return False
         self._ask_s = now + ASK_S
         self._asked += 1

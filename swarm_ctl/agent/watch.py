@@ -83,8 +83,7 @@ def missing(agent: Agent) -> str:
         "rangefinders front, back, left and right (only `open_air` flies without)": needs_ranges
         and min(telemetry.ranges_s[:4]) < fresh_s,
         "trust in its own position": telemetry.estimate_ok is False,
-        "origin on the globe, which `shared: gnss` needs": agent.frame.needs_satellites
-        and telemetry.origin is None,
+        "origin on the globe, which `frame` asks for": agent.frame.lacks_origin(telemetry),
         "readiness to arm": not telemetry.is_ready,
     }
     return next((f"no {what}" for what, is_lacking in lacks.items() if is_lacking), "")

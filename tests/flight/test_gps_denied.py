@@ -12,9 +12,9 @@ from flight_log import Flight
 
 from mock_vehicle.fleet import Fleet
 from swarm_ctl import wire
-from swarm_ctl.agent.phases import Phase
 from swarm_ctl.frames import turn
 from swarm_ctl.model import Vec3
+from swarm_ctl.record.journal import read_journal
 
 Launch = Callable[..., Flight]
 EXPLORES = ("exploring", "avoiding")
@@ -60,6 +60,13 @@ def explore_together(flight: Flight) -> float:
     )
     print(f"closest approach {flight.truth()['min_separation_m']:.2f} m, seen {worst:.2f} m off")  # noqa: T201
     return worst
+
+
+def events(flight: Flight, name: str) -> list[dict[str, Any]]:
+    """Give the events of a name that the run's journals hold."""
+    journals = flight.folder.path.rglob("*.jsonl")
+    entries = [entry for path in sorted(journals) for entry in read_journal(path)]
+    return [entry for entry in entries if entry["event"] == name]
 
 
 # -- without satellites ----------------------------------------------------------------------------
@@ -149,7 +156,108 @@ def test_a_peer_that_the_radio_measures_elsewhere_than_it_says_is_noted_once(
     lost = ("drift:1@25,fraction=0,jump_m=6",)
     flight = launch(world=world, frame=SURVEYED, duration_s=40.0, faults=lost)
     flight.fly_to_the_end()
-    events = flight.events("PeerElsewhere")
-    assert [(event.sysid, event.data["peer"]) for event in events] == [(2, 1), (1, 2)]
-    assert events[0].data["apart_m"] == pytest.approx(6.0, abs=1.0)
+    noted = events(flight, "PeerElsewhere")
+    assert sorted((event["sysid"], event["data"]["peer"]) for event in noted) == [(1, 2), (2, 1)]
+    assert noted[0]["data"]["apart_m"] == pytest.approx(6.0, abs=1.0)
     assert flight.truth()["min_separation_m"] > 0.75
+
+
+# -- estimators that begin anywhere and point anywhere ---------------------------------------------
+
+
+class Estimator(NamedTuple):
+    """An estimator that began elsewhere and that has its x axis to somewhere else than north."""
+
+    began_ned_m: Vec3
+    """From where it began to the vehicle's start."""
+    yaw_rad: float
+    """Where its x axis points, clockwise from north."""
+
+    def tell(self, data: bytes) -> bytes:
+        """Turn what the autopilot says of north into what this estimator would have said."""
+        return rewrite(data, {"LOCAL_POSITION_NED": self._position, "ATTITUDE": self._attitude})
+
+    def obey(self, data: bytes) -> bytes:
+        """Turn setpoints in this estimator's axes into setpoints along north."""
+        return rewrite(data, {"SET_POSITION_TARGET_LOCAL_NED": self._setpoint})
+
+    def _position(self, values: Any) -> Any:
+        place = Vec3(*(p + b for p, b in zip(values[1:4], self.began_ned_m, strict=True)))
+        velocity = turn(Vec3(*values[4:7]), -self.yaw_rad)
+        return type(values)(values.time_boot_ms, *turn(place, -self.yaw_rad), *velocity)
+
+    def _attitude(self, values: Any) -> Any:
+        return values._replace(yaw=math.remainder(values.yaw - self.yaw_rad, math.tau))
+
+    def _setpoint(self, values: Any) -> Any:
+        north = turn(Vec3(values.vx, values.vy, values.vz), self.yaw_rad)
+        return values._replace(vx=north.x, vy=north.y, vz=north.z, yaw=values.yaw + self.yaw_rad)
+
+
+def rewrite(data: bytes, changes: dict[str, Callable[[Any], Any]]) -> bytes:
+    """Change some of the messages in a datagram."""
+    parser, packed = wire.Parser(changes), []
+    ids = {wire.message(name).id: name for name in changes}
+    for raw in wire.split(data):
+        frame = next(iter(parser.feed(raw)), None)
+        if frame is None:
+            packed.append(raw)
+        else:
+            values = changes[ids[frame.id]](frame.values)
+            message = wire.message(frame.id)
+            packed.append(message.pack(frame.seq, frame.sysid, frame.compid, *values))
+    return b"".join(packed)
+
+
+def give(fleet: Fleet, estimators: list[Estimator], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put an estimator between each vehicle of a fleet and its controller."""
+    step, receive = fleet.step, fleet.receive
+
+    def tell(now: float) -> list[tuple[int, bytes]]:
+        return [(index, estimators[index].tell(data)) for index, data in step(now)]
+
+    def obey(index: int, data: bytes, now: float, link: int = 0) -> None:
+        receive(index, estimators[index].obey(data), now, link)
+
+    monkeypatch.setattr(fleet, "step", tell)
+    monkeypatch.setattr(fleet, "receive", obey)
+
+
+def test_estimators_without_a_compass_are_flown_in_one_surveyed_frame(
+    launch: Launch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimators = [
+        Estimator(Vec3(40.0, -7.0, 2.0), math.radians(yaw_deg)) for yaw_deg in (90, -135, 180, 20)
+    ]
+    frame = {**SURVEYED, "yaw_offset_deg": {1: 90, 2: -135, 3: 180, 4: 20}}
+    world = {**ROOM, "gnss": DENIED}
+    flight = launch(
+        vehicles=4,
+        autopilot="mixed",
+        duration_s=60.0,
+        world=world,
+        frame=frame,
+        planner={"kind": "explore"},
+    )
+    give(flight.arena.fleet, estimators, monkeypatch)
+    assert explore_together(flight) < 0.4
+    assert flight.truth()["min_separation_m"] > 0.85
+    assert flight.truth()["collisions"] == 0
+    assert flight.truth()["coverage_fraction"] > 0.9
+    for vehicle in flight.arena.fleet.vehicles:
+        assert math.dist(truly_m(flight, vehicle.sysid), vehicle.home_ned_m) < 1.0
+
+
+def test_a_second_flight_from_elsewhere_is_one_in_the_same_frame(launch: Launch) -> None:
+    """Origins stay where the autopilots were switched on; starts are where the first one ended."""
+    world = {**ROOM, "size_m": [30, 30]}
+    first = launch(autopilot="mixed", world=world, flight={"return_home": False}, duration_s=20.0)
+    first.fly_to_the_end()
+    late = {"ready_timeout_s": 3600.0}
+    second = launch(autopilot="mixed", world=world, frame=GNSS, flight=late)
+    second.arena.fleet, second.arena.now = first.arena.fleet, first.arena.now
+    second.arena._step = first.arena._step
+    assert explore_together(second) < 0.4
+    for controller in second.arena.controllers:
+        assert math.hypot(*controller.agent.telemetry.start_ned_m) > 3.0
+    assert second.truth()["min_separation_m"] > 0.85
