@@ -23,6 +23,8 @@ MOST_ENTRIES = 20_000
 MOST_ORIGINS = 250
 MOST_WAITING = 64
 """Pieces per origin that wait for what comes before them."""
+FAR_M = 327.67
+"""What a shift can say in int16 centimetres; the logs of frames farther off are not passed on."""
 CONTACT_S = 1.5
 RESEND_S = 0.8
 """What was sent and not acknowledged by a summary for so long is sent again."""
@@ -173,7 +175,7 @@ class Trails:
         ]
         lacks = []
         for origin, log in self._logs.items():
-            if near and log.shift_m is not None:
+            if near and log.shift_m is not None and max(map(abs, log.shift_m)) <= FAR_M:
                 begin = min(peer.has(origin, now) for peer in near)
                 if begin < len(log.entries):
                     lacks.append((begin - len(log.entries), origin, begin))

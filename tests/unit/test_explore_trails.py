@@ -109,6 +109,22 @@ def test_what_a_third_vehicle_did_lands_in_the_right_place() -> None:
     assert not reader.memory.flags(shift + np.array([1.0, 5.0])) & 1
 
 
+@pytest.mark.parametrize(("away_m", "is_told"), [(300.0, True), (400.0, False)])
+def test_what_lies_farther_off_than_a_shift_can_say_is_not_passed_on(
+    away_m: float, is_told: bool
+) -> None:
+    far, between, near = explorer(1), explorer(2), explorer(3)
+    write(far, 20)
+    meet(far, between, (-away_m, 0.0))
+    meet(between, far, (away_m, 0.0))
+    for payload in far.outbox(1000):
+        between.hear_chunk(1, payload)
+    assert between.trails.length(1) == far.trails.length(1)
+    meet(between, near, HERE)
+    origins = {piece.origin for data in between.outbox(1000) if (piece := decode(data, 2))}
+    assert (1 in origins) == is_told
+
+
 def test_a_piece_of_a_stranger_waits_for_nobody() -> None:
     teller, reader = explorer(1), explorer(2)
     write(teller, 10)
