@@ -1,18 +1,12 @@
-"""The command line: only here and in `cli_experiment.py` is printed and ended."""
+"""The command line: only here and in the modules `cli_...` is printed and ended."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import logging
-import os
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -20,23 +14,38 @@ from rich.console import Console
 
 import swarm_ctl
 from swarm_ctl.cli_doctor import doctor
-from swarm_ctl.cli_experiment import INTERRUPTED, PipeConsole, experiment, tune
+from swarm_ctl.cli_experiment import experiment, tune
+from swarm_ctl.cli_fly import fly
+from swarm_ctl.cli_options import (
+    BAD_INPUT,
+    EXIT_CODES,
+    NOT_FLOWN,
+    AutopilotKind,
+    Duration,
+    Interrupts,
+    MissionFile,
+    Out,
+    PipeConsole,
+    PlannerKind,
+    Seed,
+    SigningKey,
+    Vehicles,
+    World,
+    interrupts,
+    read_key,
+)
 from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.flight import Faults, discard, finish
 from swarm_ctl.mission import Mission, load_mission, mission_schema
-from swarm_ctl.model import Operator
 from swarm_ctl.progress import ProgressView
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.summary import report_lines
-from swarm_ctl.run.fleet import STOP_SIGNALS, TWICE
 from swarm_ctl.run.mock import UdpRun
-from swarm_ctl.signing import KEY_VARIABLE, find_key
 
 if TYPE_CHECKING:
     from swarm_ctl.experiment.arena import Arena
 
 REFRESH_S = 0.25
-BAD_INPUT, NOT_FLOWN = 2, 1
 
 app = typer.Typer(
     name="swarm-ctl",
@@ -45,20 +54,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-MissionFile = Annotated[Path, typer.Argument(help="Mission file (YAML).", show_default=False)]
-World = Annotated[
-    Path | None, typer.Option(help="Fly in this world file instead of the mission's own.")
-]
-Vehicles = Annotated[int | None, typer.Option(help="Number of vehicles, 1 to 250.")]
-PlannerKind = Annotated[str | None, typer.Option(help="Planner: explore, lf-pso, levy or pso.")]
-AutopilotKind = Annotated[
-    str | None, typer.Option(help="What the mock vehicles behave like: px4, ardupilot or mixed.")
-]
-Seed = Annotated[
-    int | None, typer.Option(help="Seed of every random draw; repeats a --virtual run exactly.")
-]
-Duration = Annotated[float | None, typer.Option(help="Exploration time of each vehicle, seconds.")]
 
 
 def main() -> None:
@@ -101,9 +96,7 @@ def run(
     virtual: Annotated[
         bool, typer.Option("--virtual", help="Fly in memory in virtual time, without sockets.")
     ] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Run folder; default runs/<mission>-<utc>.")
-    ] = None,
+    out: Out = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -111,14 +104,7 @@ def run(
             " may be given again.",
         ),
     ] = None,
-    signing_key: Annotated[
-        Path | None,
-        typer.Option(
-            help="Sign all over UDP with the key in this file: a passphrase or 64 hexadecimal "
-            f"digits; default: the key in {KEY_VARIABLE}, if any.",
-            metavar="FILE",
-        ),
-    ] = None,
+    signing_key: SigningKey = None,
 ) -> None:
     """Fly a mission against mock vehicles and write its record.
 
@@ -135,16 +121,16 @@ def run(
         duration_s=duration,
     )
     faults = Faults.parse(fault or [], chosen.vehicles)
-    key = _key(signing_key)
+    key = read_key(signing_key)
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
     is_ours = out is None or not out.exists()
     folder = RunFolder.create(out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode)
     console = PipeConsole(highlight=False)
     began = time.monotonic()
-    with _interrupts() as interrupts:
+    with interrupts() as stop:
         try:
             if virtual:
-                facts = _fly_virtual(chosen, folder, faults, console, interrupts)
+                facts = _fly_virtual(chosen, folder, faults, console, stop)
             else:
                 facts = _fly_udp(chosen, folder, faults, console, speed, key)
         except (SwarmError, KeyboardInterrupt):  # the mock would not, or may not, start
@@ -154,8 +140,7 @@ def run(
         with console.status("writing the record"):
             summary = finish(chosen, folder, mode=mode, wall_s=wall_s, **facts)
     console.print(report_lines(summary, folder.path))
-    codes = {"flown": 0, "interrupted": INTERRUPTED}
-    raise typer.Exit(codes.get(summary["outcome"], NOT_FLOWN))
+    raise typer.Exit(EXIT_CODES[summary["outcome"]])
 
 
 @app.command()
@@ -190,6 +175,7 @@ def check(
     )
 
 
+app.command()(fly)
 app.command()(doctor)
 app.command()(experiment)
 app.command()(tune)
@@ -199,13 +185,6 @@ app.command()(tune)
 def schema() -> None:
     """Print the JSON Schema of mission files, for editors."""
     typer.echo(json.dumps(mission_schema(), indent=2))
-
-
-def _key(file: Path | None) -> bytes | None:
-    try:
-        return find_key(file, os.environ)
-    except ValueError as error:
-        raise SwarmError(str(error)) from None
 
 
 def _fly_udp(
@@ -238,7 +217,7 @@ def _fly_udp(
 
 
 def _fly_virtual(
-    mission: Mission, folder: RunFolder, faults: Faults, console: Console, interrupts: _Interrupts
+    mission: Mission, folder: RunFolder, faults: Faults, console: Console, interrupts: Interrupts
 ) -> dict[str, Any]:
     from swarm_ctl.experiment.arena import Arena  # noqa: PLC0415 - the one door to the mock
 
@@ -262,40 +241,6 @@ def _fly_virtual(
         "interrupted": interrupts.count > 0,
         "notes": arena.notes,
     }
-
-
-class _Interrupts:
-    """Ctrl-C and SIGTERM as an order to land; the second ends at once, a third even the record."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._obeyed = 0
-
-    def __call__(self, _number: int, _frame: FrameType | None) -> None:
-        self.count += 1
-        if self.count > 2:
-            raise KeyboardInterrupt
-
-    def obey(self, arena: Arena) -> None:
-        """Pass on to a flight what was asked for since the last call."""
-        if self.count > self._obeyed and not self._obeyed:
-            arena.order(Operator.LAND)
-        if self.count > 1 and self._obeyed < 2 and not arena.is_over:
-            arena.notes.append(TWICE)
-            for controller in arena.controllers:
-                controller.kill(TWICE, arena.now)
-        self._obeyed = self.count
-
-
-@contextmanager
-def _interrupts() -> Iterator[_Interrupts]:
-    interrupts = _Interrupts()
-    before = {number: signal.signal(number, interrupts) for number in STOP_SIGNALS}
-    try:
-        yield interrupts
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 if __name__ == "__main__":

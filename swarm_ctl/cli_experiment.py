@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,9 +11,8 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from swarm_ctl.cli_options import INTERRUPTED, PipeConsole
 from swarm_ctl.errors import SwarmError
-
-INTERRUPTED = 130
 
 ExperimentFile = Annotated[
     Path, typer.Argument(help="Experiment file (YAML).", show_default=False, metavar="FILE")
@@ -25,15 +22,6 @@ Out = Annotated[
     Path | None,
     typer.Option(help="Folder of the results; one that was interrupted is gone on with."),
 ]
-
-
-class PipeConsole(Console):
-    """Prints on while somebody reads; the work does not depend on it."""
-
-    def on_broken_pipe(self) -> None:
-        """Say no more."""
-        self.quiet = True
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def experiment(

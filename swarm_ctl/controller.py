@@ -88,6 +88,8 @@ class Controller:
             victims=sorted(agent.victims),
             explored_from_s=agent.explored_from_s,
             explored_to_s=agent.explored_to_s,
+            autopilot=agent.telemetry.autopilot.name if agent.telemetry.autopilot else "",
+            path_length_m=self._waypoints.length_m,
         )
 
 

@@ -15,7 +15,8 @@ from swarm_ctl.controller import Controller
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.explore.explorer import warm_up
 from swarm_ctl.mission import Mission
-from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.folder import Mode, RunFolder
+from swarm_ctl.record.own_paths import draw_own_paths
 from swarm_ctl.record.plots import draw_pictures
 from swarm_ctl.record.summary import summarise, write_summary
 from swarm_ctl.signing import timestamp_of
@@ -106,7 +107,7 @@ def finish(
     folder: RunFolder,
     controllers: Sequence[Controller],
     *,
-    mode: Literal["udp", "virtual"],
+    mode: Mode,
     time_s: float,
     wall_s: float,
     interrupted: bool,
@@ -117,9 +118,12 @@ def finish(
     flown = any(controller.agent.explored_from_s is not None for controller in controllers)
     ended = any(controller.agent.phase is Phase.DONE for controller in controllers)
     outcome: Literal["flown", "interrupted", "failed"] = "flown" if flown and ended else "failed"
+    resolved, is_real = mission.dump(), mode == "fly"
+    if is_real:
+        resolved |= {"world": None, **_flown_by(controllers)}
     summary = summarise(
         folder.path,
-        mission=mission.dump(),
+        mission=resolved,
         mode=mode,
         outcome="interrupted" if interrupted else outcome,
         time_s=time_s,
@@ -128,6 +132,17 @@ def finish(
         run_sha256=folder.hash.hexdigest(),
         notes=notes,
     )
-    summary["notes"] += draw_pictures(folder.path, summary, speed_m_s=mission.flight.speed_m_s)
+    if is_real:
+        victims = {one.agent.sysid: one.agent.victims for one in controllers}
+        summary["notes"] += draw_own_paths(folder.path, summary, victims)
+    else:
+        summary["notes"] += draw_pictures(folder.path, summary, speed_m_s=mission.flight.speed_m_s)
     write_summary(folder.path, summary)
     return summary
+
+
+def _flown_by(controllers: Sequence[Controller]) -> dict[str, Any]:
+    """Say how many real vehicles flew and what they are, in the words of a mission."""
+    kinds = {pilot.name.lower() for one in controllers if (pilot := one.agent.telemetry.autopilot)}
+    kind = next(iter(kinds), "unknown") if len(kinds) < 2 else "mixed"
+    return {"vehicles": len(controllers), "autopilot": kind}

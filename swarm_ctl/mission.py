@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from swarm_ctl.agent.frame import FrameParams, mistakes
 from swarm_ctl.agent.params import FlightParams, Limits
-from swarm_ctl.errors import MissionError
+from swarm_ctl.errors import MissionError, SwarmError
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, unknown_key
 
@@ -21,8 +21,8 @@ class Mission(Section):
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)
     """Short name, also of the run folder; the file's own name if left out."""
-    world: Path
-    """World file the mock simulates, relative to the mission file."""
+    world: Path | None = None
+    """World file the mock simulates, relative to the mission file; real vehicles need none."""
     vehicles: int = Field(default=10, ge=1, le=250)
     """Number of vehicles; their sysids are 1, 2, 3 and so on."""
     autopilot: Literal["px4", "ardupilot", "mixed"] = "px4"
@@ -39,6 +39,13 @@ class Mission(Section):
     """Which frame the vehicles share, beside what their radios measure."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of every random draw; the same seed repeats a run in virtual time."""
+
+    @property
+    def simulated(self) -> Path:
+        """The world file; SwarmError when the mission has none."""
+        if self.world is None:
+            raise SwarmError(f"{self.name}: names no world to simulate")
+        return self.world
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -60,11 +67,13 @@ def load_mission(
     autopilot: str | None = None,
     seed: int | None = None,
     duration_s: float | None = None,
+    open_air: bool | None = None,
+    is_simulated: bool = True,
 ) -> Mission:
     """Read and validate a mission file; what is not None replaces the file's own value.
 
-    An overriding `world` is relative to the working directory, the file's to the file.
-    Raises MissionError, one sentence that names file and key.
+    An overriding `world` is relative to the working directory, the file's to the file; a mission
+    that is not simulated needs none. Raises MissionError, one sentence that names file and key.
     """
     raw = _read(path)
     raw.setdefault("name", path.stem)
@@ -75,9 +84,10 @@ def load_mission(
         "duration_s": duration_s,
     }
     raw.update({key: value for key, value in given.items() if value is not None})
-    if planner is not None:
-        block = raw.get("planner") or {}
-        raw["planner"] = {**block, "kind": planner} if isinstance(block, Mapping) else block
+    for block, key, value in (("planner", "kind", planner), ("flight", "open_air", open_air)):
+        section = raw.get(block) or {}
+        if value is not None and isinstance(section, Mapping):
+            raw[block] = {**section, key: value}
     if world is not None:
         raw["world"] = Path.cwd() / world
     elif isinstance(raw.get("world"), str):
@@ -88,9 +98,16 @@ def load_mission(
         mission = Mission.model_validate(raw)
     except ValidationError as error:
         raise _as_mission_error(path, error) from None
+    if is_simulated:
+        _check_world(path, mission)
+    return mission
+
+
+def _check_world(path: Path, mission: Mission) -> None:
+    if mission.world is None:
+        raise MissionError(path, "world", "is missing")
     if not mission.world.is_file():
         raise MissionError(path, "world", f"there is no world file {mission.world}")
-    return mission
 
 
 def mission_schema() -> dict[str, Any]:

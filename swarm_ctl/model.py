@@ -65,3 +65,5 @@ class Snapshot:
     """Victims this vehicle has seen itself."""
     note: str
     """The last event in a few words."""
+    silent_s: float = 0.0
+    """Since its autopilot was last heard; infinite when it never was."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -44,6 +45,8 @@ STYLES = {
 URGENCY = {"failed": 0, "yielded": 1, "holding": 2, "landing": 3, "returning": 4}
 """Phases an operator wants to see first when not all fit."""
 LOW_BATTERY = 0.25
+SILENT_S = 1.0
+"""A link that is silent for less is in order."""
 
 
 class ProgressView:
@@ -54,9 +57,12 @@ class ProgressView:
         mission: Mission,
         console: Console | None = None,
         *,
+        is_real: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        """Show a mission on a console; a real one has no referee."""
         self._mission = mission
+        self._is_real = is_real
         self._console = console or Console()
         self._clock = clock
         self._live: Live | None = None
@@ -96,14 +102,15 @@ class ProgressView:
         self._drawn_at = wall_s
         factor = self._factor(wall_s, time_s)
         if self._live is None:
-            self._console.print(
-                plain_line(time_s, snapshots, referee or {}), soft_wrap=True, highlight=False
-            )
+            line = plain_line(time_s, snapshots, referee or {})
+            line += f"; {known(snapshots)}" if self._is_real else ""
+            self._console.print(line, soft_wrap=True, highlight=False)
             return
         room = max(3, self._console.height - HEADER_LINES)
+        counts = known(snapshots) if self._is_real else score(referee or {})
         view = Group(
-            header(self._mission, time_s, factor, referee or {}),
-            table(snapshots, room),
+            header(self._mission, time_s, factor, counts),
+            table(snapshots, room, is_real=self._is_real),
         )
         self._live.update(view, refresh=True)
 
@@ -115,22 +122,25 @@ class ProgressView:
 
 
 def header(
-    mission: Mission, time_s: float, factor: float | None, referee: Mapping[str, Any]
+    mission: Mission, time_s: float, factor: float | None, counts: RenderableType
 ) -> RenderableType:
-    """Give mission, time and what the referee counts, in two lines."""
+    """Give mission, time and what there is to count, in two lines."""
     first = Text(no_wrap=True, overflow="ellipsis")
     first.append(mission.name, style="bold")
     first.append(f"  {_clock_face(time_s)}", style="bold cyan")
     first.append(f" of {_clock_face(mission.duration_s)} and the way home", style="dim")
     if factor is not None:
         first.append(f"  {factor:.1f}x", style="dim")
-    return Group(first, _score(referee), Text())
+    return Group(first, counts, Text())
 
 
-def table(snapshots: Sequence[Snapshot], room: int = 1000) -> RenderableType:
+def table(
+    snapshots: Sequence[Snapshot], room: int = 1000, *, is_real: bool = False
+) -> RenderableType:
     """Give a row per vehicle; of a large swarm only those with something to say, and counts.
 
-    `room` is the number of lines there are for rows.
+    `room` is the number of lines there are for rows. Of real vehicles it is told how far they are
+    from their start, and for how long their links have been silent.
     """
     shown = list(snapshots)
     is_part = len(shown) > min(FULL_TABLE, room)
@@ -141,11 +151,13 @@ def table(snapshots: Sequence[Snapshot], room: int = 1000) -> RenderableType:
     grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim", expand=True)
     grid.add_column("vehicle", justify="right", no_wrap=True)
     grid.add_column("phase", no_wrap=True, min_width=10)
-    for name in ("height", "battery", "hears", "victims"):
+    names = ["height", "battery", "hears", "victims", *(["away", "silent"] if is_real else [])]
+    for name in names:
         grid.add_column(name, justify="right", no_wrap=True)
     grid.add_column("note", no_wrap=True, overflow="ellipsis", ratio=1)
     for one in shown:
-        grid.add_row(*_cells(one))
+        note = Text(one.note, style="dim")
+        grid.add_row(*_cells(one), *(_link_cells(one) if is_real else ()), note)
     if not is_part:
         return grid
     return Group(_counts(snapshots), grid) if shown else _counts(snapshots)
@@ -164,7 +176,22 @@ def plain_line(time_s: float, snapshots: Sequence[Snapshot], referee: Mapping[st
     return f"{time_s:7.1f} s  " + "; ".join(part for part in parts if part)
 
 
-def _score(referee: Mapping[str, Any]) -> Text:
+def known(snapshots: Sequence[Snapshot]) -> Text:
+    """Say in one line what the vehicles know themselves, where no referee is."""
+    links = sum(len(one.peers) for one in snapshots)
+    seen = sum(one.victims for one in snapshots)
+    told = [one.battery_fraction for one in snapshots if one.battery_fraction is not None]
+    line = Text(f"victims seen {seen}  hear each other {links}", no_wrap=True, overflow="ellipsis")
+    if told:
+        line.append(f"  lowest battery {min(told):.0%}")
+    silent = [str(one.sysid) for one in snapshots if one.silent_s >= SILENT_S]
+    if silent:
+        line.append(f"  silent: {', '.join(silent)}", style="red")
+    return line
+
+
+def score(referee: Mapping[str, Any]) -> Text:
+    """Say in one line what a referee counts."""
     line = Text(no_wrap=True, overflow="ellipsis")
     share = referee.get("coverage_fraction")
     if share is None:
@@ -215,8 +242,18 @@ def _cells(one: Snapshot) -> tuple[Text, ...]:
         Text("?" if battery is None else f"{battery:.0%}", style="red" if _is_low(one) else ""),
         Text(str(len(one.peers)), style="" if one.peers else "dim"),
         Text(str(one.victims), style="bold green" if one.victims else "dim"),
-        Text(one.note, style="dim"),
     )
+
+
+def _link_cells(one: Snapshot) -> tuple[Text, ...]:
+    away_m = math.hypot(one.position_ned_m.x, one.position_ned_m.y)
+    if math.isinf(one.silent_s):
+        silence = Text("never", style="red")
+    elif one.silent_s < SILENT_S:
+        silence = Text("-", style="dim")
+    else:
+        silence = Text(f"{one.silent_s:.0f} s", style="red")
+    return Text(f"{away_m:.1f} m"), silence
 
 
 def _clock_face(seconds: float) -> str:

@@ -164,7 +164,8 @@ class Agent:
         acks = [self.sender.acknowledge(ack) for ack in self.inbox.answer(partial(obey, self), now)]
         watch(self)
         velocity = None if self.is_ended else DUTIES[self.phase](self)
-        return b"".join(self._frames(velocity) + acks)
+        frames = [] if self.is_ended else self._frames(velocity)
+        return b"".join(frames + acks)
 
     def order(self, operator: Operator, now: float) -> bool:
         """Take an operator's order; False for one that makes no sense now, and changes nothing."""
@@ -193,6 +194,7 @@ class Agent:
             peers=self.peers.heard(self.now),
             victims=len(self.victims),
             note=self.reason,
+            silent_s=self.now - self.telemetry.heard_s,
         )
 
     # -- what watch and duties call ------------------------------------------------------------

@@ -104,7 +104,7 @@ class Arena:
 def _fleet(mission: Mission, faults: Faults) -> Fleet:
     try:
         return Fleet(
-            load_world(mission.world),
+            load_world(mission.simulated),
             personalities(mission.autopilot, mission.vehicles),
             seed=mission.seed,
             faults=[parse_fault(text) for text in faults.mock],

@@ -21,7 +21,7 @@ class WorldFacts(NamedTuple):
 def check_world(mission: Mission) -> WorldFacts:
     """Load the world and place the vehicles; MockError with the world's own sentence if not."""
     try:
-        world = load_world(mission.world)
+        world = load_world(mission.simulated)
         world.starts(mission.vehicles, mission.seed)
     except MockVehicleError as error:
         raise MockError(str(error)) from error

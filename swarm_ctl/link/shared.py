@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -43,6 +44,12 @@ class SharedLink:
         """Give the link of one vehicle; the same one every time."""
         return self._members.setdefault(sysid, Member(self, sysid))
 
+    @property
+    def is_noise(self) -> bool:
+        """Whether bytes came and none of them was MAVLink, as with a wrong baud rate."""
+        stats = [behind.heartbeats.stats for behind in self._behind.values()]
+        return bool(stats) and not any(one.frames or one.unknown for one in stats)
+
     def watch(self) -> None:
         """Let the running event loop listen from now on."""
         if not self._is_watched:
@@ -79,6 +86,7 @@ class SharedLink:
         if before in self._behind:
             self._behind[before].members.remove(member)
         member.source = source
+        member.met_s = min(member.met_s, self.clock())
         behind.members.append(member)
 
 
@@ -90,21 +98,21 @@ class Member:
         self.sysid = sysid
         self.source: Source | None = None
         """Where it speaks from; None until its autopilot's heartbeat was heard."""
-        self.heard_s = 0.0
-        self._shared = shared
+        self.met_s = math.inf
+        """When it was first heard, on the shared link's clock."""
+        self.heard_s = -math.inf
+        self.shared = shared
         self._heard: Heard | None = None
 
     def watch(self, heard: Heard) -> None:
         """Let the running event loop give what is for this vehicle to `heard`."""
         self._heard = heard
-        self._shared.watch()
+        self.shared.watch()
 
     def send(self, data: bytes, to: Source | None = None) -> bool:
         """Send to where the vehicle speaks from; before it has spoken, where the address leads."""
         to = to or self.source
-        return (to is not None or not self._shared.is_listening) and self._shared.link.send(
-            data, to
-        )
+        return (to is not None or not self.shared.is_listening) and self.shared.link.send(data, to)
 
     def close(self) -> None:
         """Hear nothing any more; the link stays open for the others."""
@@ -112,7 +120,7 @@ class Member:
 
     def take(self, data: bytes, source: Source) -> None:
         """Take what is for this vehicle."""
-        self.heard_s = self._shared.clock()
+        self.heard_s = self.shared.clock()
         if self._heard is not None:
             self._heard(data, source)
 

@@ -22,7 +22,8 @@ from swarm_ctl.record.tlog import EPOCH_S, TlogWriter
 PATHS_S = 10.0
 """Mission time between two writings of `paths.json`."""
 
-Mode = Literal["udp", "virtual"]
+Mode = Literal["udp", "virtual", "fly"]
+"""Against mock vehicles over UDP or in memory, or with real vehicles."""
 
 
 class RunHash:
@@ -85,7 +86,7 @@ class RunFolder:
             mode=mode,
             swarm_ctl=swarm_ctl.__version__,
         )
-        return cls(path, journal, epoch_s=utc.timestamp() if mode == "udp" else EPOCH_S)
+        return cls(path, journal, epoch_s=EPOCH_S if mode == "virtual" else utc.timestamp())
 
     def tlog(self, sysid: int) -> TlogWriter:
         """Give a vehicle's telemetry log, `tlogs/vehicle-001.tlog`; the same one every time."""

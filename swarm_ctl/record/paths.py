@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
@@ -27,6 +28,8 @@ class PathRecorder:
 
     def __init__(self, sysid: int) -> None:
         self.sysid = sysid
+        self.length_m = 0.0
+        """What was flown, straight from each flown waypoint to the next."""
         self._waypoints: list[dict[str, Any]] = []
         self._json: list[str] = []
         """Each waypoint as text, "" when it changed: long runs are written often."""
@@ -42,6 +45,7 @@ class PathRecorder:
         if self._last is not None:
             n, e, d = self._waypoints[self._last]["position_m"]
             before = position._replace(x=n, y=e, z=d)
+            self.length_m += math.dist(before, position)
             self._change(self._last, next=index)
         if self._open:
             self._visit(_passing(before, position, np.array(self._open_m)).tolist(), index)

@@ -49,6 +49,10 @@ class VehicleResult:
     """Mission time at which it began to explore."""
     explored_to_s: float | None = None
     """Mission time at which it ceased to explore."""
+    autopilot: str = ""
+    """What its heartbeat said; empty when none came."""
+    path_length_m: float = 0.0
+    """By its own estimate."""
 
 
 def summarise(
@@ -66,9 +70,10 @@ def summarise(
     """Join what the controllers report with what the referee wrote to `truth/`; JSON values.
 
     `coverage_fraction` counts when the mission's exploration time is over, from the first
-    vehicle that explored; `coverage_final_fraction` at the very end. Unknown is None.
+    vehicle that explored; `coverage_final_fraction` at the very end. Unknown is None; real
+    vehicles have no referee, so there only what they know themselves is told.
     """
-    truth = read_truth(run)
+    truth = _known(results) if mode == "fly" else read_truth(run)
     starts = [one.explored_from_s for one in results if one.explored_from_s is not None]
     ends = [one.explored_to_s for one in results if one.explored_to_s is not None]
     until_s = min(starts) + float(mission["duration_s"]) if starts else math.inf
@@ -76,7 +81,7 @@ def summarise(
     summary = {
         "mission": mission["name"],
         "outcome": outcome,
-        "world": str(mission["world"]),
+        "world": mission["world"],
         "seed": mission["seed"],
         "planner": mission["planner"]["kind"],
         "autopilot": mission["autopilot"],
@@ -103,6 +108,13 @@ def summarise(
     }
     plain: dict[str, Any] = _plain(summary)
     return plain
+
+
+def _known(results: Sequence[VehicleResult]) -> Truth:
+    """Give what the vehicles know themselves, in the place of a referee's truth."""
+    victims = {victim for one in results for victim in one.victims}
+    length_m = sum(one.path_length_m for one in results)
+    return Truth(numbers={"victims_found": len(victims), "path_length_m": round(length_m, 2)})
 
 
 def write_summary(run: Path, summary: Mapping[str, Any]) -> None:
@@ -184,6 +196,7 @@ def _explored_s(one: VehicleResult) -> float:
 def _entry(one: VehicleResult) -> dict[str, Any]:
     return {
         "sysid": one.sysid,
+        "autopilot": one.autopilot,
         "phase": one.phase,
         "reason": one.reason,
         "messages_sent": one.messages_sent,
@@ -192,6 +205,7 @@ def _entry(one: VehicleResult) -> dict[str, Any]:
         "victims": one.victims,
         "explored_from_s": one.explored_from_s,
         "explored_to_s": one.explored_to_s,
+        "path_length_m": round(one.path_length_m, 2),
     }
 
 
@@ -237,7 +251,11 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, RenderableType]]:
         ("messages", _messages(summary)),
         ("time", _time(summary)),
     ]
-    return rows
+    return [row for row in rows if summary["mode"] != "fly" or row[0] not in _REFEREES]
+
+
+_REFEREES = {"explored", "contacts"}
+"""Rows that only a referee can fill."""
 
 
 def _explored(summary: Mapping[str, Any]) -> Text:
@@ -255,6 +273,8 @@ def _explored(summary: Mapping[str, Any]) -> Text:
 
 def _victims(summary: Mapping[str, Any]) -> Text:
     found, total = summary["victims_found"], summary["victims_total"]
+    if found is not None and total is None:
+        return Text(f"{found} seen" if found else "none seen", style="bold" if found else "dim")
     if found is None or total is None:
         return Text("unknown")
     if not total:

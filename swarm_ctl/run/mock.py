@@ -78,7 +78,7 @@ class UdpRun(Fleet):
         }
         words = [str(part) for option in options.items() for part in option]
         words += [part for fault in self._faults.mock for part in ("--fault", fault)]
-        return [str(mission.world), *words, "--json"]
+        return [str(mission.simulated), *words, "--json"]
 
     async def _listen(self, mock: MockProcess) -> None:
         async for report in mock.reports():

@@ -17,7 +17,7 @@ import swarm_ctl
 from swarm_ctl.cli import main
 from swarm_ctl.mission import load_mission
 from swarm_ctl.model import Snapshot, Vec3
-from swarm_ctl.progress import header, table
+from swarm_ctl.progress import header, score, table
 
 SHARED = "MISSION --world --vehicles --planner --autopilot --duration --help"
 """Words in the help of every command that takes a mission."""
@@ -280,7 +280,7 @@ def test_the_live_view_fits_into_80_columns(hall: Hall) -> None:
     }
     console = Console(width=80, color_system=None)
     with console.capture() as capture:
-        console.print(header(load_mission(hall()), 83.0, 4.0, referee), table(swarm))
+        console.print(header(load_mission(hall()), 83.0, 4.0, score(referee)), table(swarm))
     lines = capture.get().splitlines()
     assert lines[1].endswith("nearest pair 12.34 m")
     names = "vehicle phase height battery hears victims note"

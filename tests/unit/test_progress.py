@@ -10,7 +10,7 @@ from rich.console import Console
 
 from swarm_ctl.mission import Mission
 from swarm_ctl.model import Snapshot, Vec3
-from swarm_ctl.progress import STYLES, ProgressView, header, plain_line, table
+from swarm_ctl.progress import STYLES, ProgressView, header, plain_line, score, table
 
 MISSION = Mission(name="usar_office", world=Path("office.yaml"), duration_s=300.0)
 REFEREE = {
@@ -65,13 +65,13 @@ def test_three_vehicles_have_a_row_each() -> None:
 
 
 def test_the_header_has_the_time_and_what_the_referee_counts() -> None:
-    text = screen(header(MISSION, 83.4, 3.98, REFEREE))
+    text = screen(header(MISSION, 83.4, 3.98, score(REFEREE)))
     assert "usar_office  1:23 of 5:00 and the way home  4.0x" in text
     assert "45.7% explored  victims 2/6  contacts 0  nearest pair 0.94 m" in text
 
 
 def test_before_the_referee_speaks_nothing_is_invented() -> None:
-    text = screen(header(MISSION, 0.0, None, {}))
+    text = screen(header(MISSION, 0.0, None, score({})))
     assert "the referee has not spoken yet" in text
     assert "%" not in text
 

@@ -1,0 +1,152 @@
+"""The command that flies real vehicles: `fly`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swarm_ctl.cli_options import (
+    EXIT_CODES,
+    Duration,
+    MissionFile,
+    Out,
+    PipeConsole,
+    PlannerKind,
+    SigningKey,
+    interrupts,
+    read_key,
+)
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.flight import finish
+from swarm_ctl.link import open_link
+from swarm_ctl.link.shared import SharedLink
+from swarm_ctl.mission import Mission, load_mission
+from swarm_ctl.progress import ProgressView
+from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.summary import report_lines
+from swarm_ctl.run.places import only_autopilot, pair_up
+from swarm_ctl.run.real import RealRun
+
+Connect = Annotated[
+    list[str],
+    typer.Option(
+        help="Where an autopilot is: udpin://0.0.0.0:14540, udpout://HOST:PORT, "
+        "tcpout://HOST:PORT or serial:///dev/ttyACM0:57600; again for more vehicles.",
+        metavar="URL",
+        show_default=False,
+    ),
+]
+Sysids = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--sysid",
+        help="The vehicle's sysid. One for several --connect counts up; several for one --connect "
+        "are all behind it; else they pair up. Default: that of the one autopilot heard.",
+        metavar="N",
+    ),
+]
+
+
+def fly(
+    mission: MissionFile,
+    connect: Connect,
+    sysid: Sysids = None,
+    planner: PlannerKind = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of every random draw.")] = None,
+    duration: Duration = None,
+    open_air: Annotated[
+        bool,
+        typer.Option(
+            "--open-air", help="Fly without rangefinders: there is nothing to fly into but peers."
+        ),
+    ] = False,
+    speed: Annotated[
+        float,
+        typer.Option(help="Times real time, for a simulator that runs faster.", min=0.1, max=100.0),
+    ] = 1.0,
+    out: Out = None,
+    signing_key: SigningKey = None,
+) -> None:
+    """Fly a mission with real autopilots, PX4 or ArduPilot, and write its record.
+
+    As many vehicles fly as are connected, whatever the mission says; its world is not used. A
+    vehicle that is armed already is left alone. Try the mission on mock vehicles first.
+
+    Exit status: 0 flown, 1 not flown, 2 bad input, 130 interrupted (Ctrl-C or SIGTERM lands
+    everybody; a second one ends at once, and the autopilots' own failsafes take over).
+    """
+    chosen = load_mission(
+        mission,
+        planner=planner,
+        seed=seed,
+        duration_s=duration,
+        open_air=open_air or None,
+        is_simulated=False,
+    )
+    key = read_key(signing_key)
+    if not sysid and len(connect) > 1:
+        raise SwarmError("several --connect want --sysid: the first vehicle's, or each one's")
+    pair_up(connect, sysid or [1])  # a mistake is told before a port is opened
+    console = PipeConsole(highlight=False)
+    outcome = asyncio.run(_fly(chosen, connect, sysid, console, speed=speed, out=out, key=key))
+    raise typer.Exit(EXIT_CODES[outcome])
+
+
+async def _fly(
+    mission: Mission,
+    urls: Sequence[str],
+    sysids: Sequence[int] | None,
+    console: PipeConsole,
+    *,
+    speed: float,
+    out: Path | None,
+    key: bytes | None,
+) -> str:
+    """Fly from the first heartbeat to the last line of the record; give the outcome."""
+    with contextlib.ExitStack() as opened:
+        shared: dict[str, SharedLink] = {}
+        for url in dict.fromkeys(urls):
+            shared[url] = SharedLink(open_link(url))
+            opened.callback(shared[url].close)
+        if not sysids:
+            sysids = [await only_autopilot(shared[urls[0]], speed)]
+            console.print(f"heard sysid {sysids[0]} at {urls[0]}: flying this one", markup=False)
+        links = [shared[url].member(sysid) for url, sysid in pair_up(urls, sysids)]
+        mission = mission.model_copy(update={"vehicles": len(links)})
+        folder = RunFolder.create(out, mission.name, mission.dump(), seed=mission.seed, mode="fly")
+        flight = RealRun(mission, folder, links, speed=speed, key=key)
+        with interrupts():
+            return await _record(flight, mission, console)
+
+
+async def _record(flight: RealRun, mission: Mission, console: PipeConsole) -> str:
+    """Fly in sight of the operator and sum up; give the outcome."""
+    began = time.monotonic()
+    with ProgressView(mission, console, is_real=True) as view:
+
+        def show() -> None:
+            while flight.found:
+                console.print(flight.found.pop(0), markup=False, soft_wrap=True)
+            view.update(flight.now, [one.agent.snapshot() for one in flight.controllers])
+
+        await flight.fly(show)
+    with console.status("writing the record"):
+        summary = finish(
+            mission,
+            flight.folder,
+            flight.controllers,
+            mode="fly",
+            time_s=flight.now,
+            wall_s=time.monotonic() - began,
+            interrupted=flight.interrupted,
+            notes=flight.notes,
+        )
+    console.print(report_lines(summary, flight.folder.path))
+    outcome: str = summary["outcome"]
+    return outcome

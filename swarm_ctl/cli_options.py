@@ -1,0 +1,105 @@
+"""What the commands that fly have in common: options, the key, Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.model import Operator
+from swarm_ctl.run.fleet import STOP_SIGNALS, TWICE
+from swarm_ctl.signing import KEY_VARIABLE, find_key
+
+if TYPE_CHECKING:
+    from swarm_ctl.experiment.arena import Arena
+
+INTERRUPTED, BAD_INPUT, NOT_FLOWN = 130, 2, 1
+EXIT_CODES = {"flown": 0, "interrupted": INTERRUPTED, "failed": NOT_FLOWN}
+"""Exit status by the outcome of a flight."""
+
+MissionFile = Annotated[Path, typer.Argument(help="Mission file (YAML).", show_default=False)]
+World = Annotated[
+    Path | None, typer.Option(help="Fly in this world file instead of the mission's own.")
+]
+Vehicles = Annotated[int | None, typer.Option(help="Number of vehicles, 1 to 250.")]
+PlannerKind = Annotated[str | None, typer.Option(help="Planner: explore, lf-pso, levy or pso.")]
+AutopilotKind = Annotated[
+    str | None, typer.Option(help="What the mock vehicles behave like: px4, ardupilot or mixed.")
+]
+Seed = Annotated[
+    int | None, typer.Option(help="Seed of every random draw; repeats a --virtual run exactly.")
+]
+Duration = Annotated[float | None, typer.Option(help="Exploration time of each vehicle, seconds.")]
+
+
+Out = Annotated[Path | None, typer.Option(help="Run folder; default runs/<mission>-<utc>.")]
+SigningKey = Annotated[
+    Path | None,
+    typer.Option(
+        help="Sign all that is sent with the key in this file: a passphrase or 64 hexadecimal "
+        f"digits; default: the key in {KEY_VARIABLE}, if any.",
+        metavar="FILE",
+    ),
+]
+
+
+class PipeConsole(Console):
+    """Prints on while somebody reads; the work does not depend on it."""
+
+    def on_broken_pipe(self) -> None:
+        """Say no more."""
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def read_key(file: Path | None) -> bytes | None:
+    """Take the key from a file or the environment; what is wrong with it is one sentence."""
+    try:
+        return find_key(file, os.environ)
+    except ValueError as error:
+        raise SwarmError(str(error)) from None
+
+
+class Interrupts:
+    """Ctrl-C and SIGTERM as an order to land; the second ends at once, a third even the record."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._obeyed = 0
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        """Count one more."""
+        self.count += 1
+        if self.count > 2:
+            raise KeyboardInterrupt
+
+    def obey(self, arena: Arena) -> None:
+        """Pass on to a flight what was asked for since the last call."""
+        if self.count > self._obeyed and not self._obeyed:
+            arena.order(Operator.LAND)
+        if self.count > 1 and self._obeyed < 2 and not arena.is_over:
+            arena.notes.append(TWICE)
+            for controller in arena.controllers:
+                controller.kill(TWICE, arena.now)
+        self._obeyed = self.count
+
+
+@contextmanager
+def interrupts() -> Iterator[Interrupts]:
+    """Count Ctrl-C and SIGTERM while this is open."""
+    counted = Interrupts()
+    before = {number: signal.signal(number, counted) for number in STOP_SIGNALS}
+    try:
+        yield counted
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
