@@ -149,9 +149,11 @@ class CommandQueue:
             self._put_off(current, current.next_s)
 
     def clear(self) -> None:
-        """Forget everything that has not been answered."""
-        self._waiting.clear()
-        self._current = self._accepted = None
+        """Forget all that has not been answered, but not the streams that are asked for."""
+        self._waiting = [request for request in self._waiting if request.is_a_stream]
+        if self._current is not None and not self._current.is_a_stream:
+            self._current = None
+        self._accepted = None
 
     def is_waiting(self, command_id: int) -> bool:
         """Tell whether a command of this id is queued or on its way."""

@@ -205,3 +205,16 @@ def test_a_refusal_is_said_in_words() -> None:
 def test_a_parameter_that_stops_a_real_autopilot_is_refused_here() -> None:
     with pytest.raises(ValueError, match="finite"):
         command(COMPONENT_ARM_DISARM, math.nan)
+
+
+def test_what_is_forgotten_is_what_moves_the_vehicle_not_the_streams() -> None:
+    queue = CommandQueue()
+    for wanted in (STREAM, OTHER_STREAM, ARM):
+        queue.request(wanted)
+    assert queue.poll(0.0)[0] == (ARM, 0)
+    queue.clear()
+    assert queue.poll(0.1)[0] == (STREAM, 0)
+    queue.clear()
+    queue.acknowledge(Ack(STREAM.id, ACCEPTED), 0.2)
+    assert queue.poll(0.2)[0] == (OTHER_STREAM, 0)
+    assert not queue.is_waiting(ARM.id)
