@@ -62,9 +62,16 @@ class Faults:
 
 
 def controllers_for(
-    mission: Mission, folder: RunFolder, sysids: Sequence[int] | None = None
+    mission: Mission,
+    folder: RunFolder,
+    sysids: Sequence[int] | None = None,
+    *,
+    delay_s: float = 0.0,
 ) -> list[Controller]:
-    """Build one controller per vehicle of a mission: of these sysids, or as many from 1 on."""
+    """Build one controller per vehicle of a mission: of these sysids, or as many from 1 on.
+
+    The first takes off `delay_s` after it is ready, the others as the mission spaces them.
+    """
     orders = Orders(
         mission=mission.name,
         duration_s=mission.duration_s,
@@ -78,7 +85,7 @@ def controllers_for(
         warm_up(mission.planner)
     spacing_s = mission.flight.start_spacing_s
     return [
-        Controller(index, Agent(sysid, orders, start_delay_s=index * spacing_s), folder)
+        Controller(index, Agent(sysid, orders, start_delay_s=delay_s + index * spacing_s), folder)
         for index, sysid in enumerate(sysids or range(1, mission.vehicles + 1))
     ]
 

@@ -36,13 +36,14 @@ STYLES = {
     "exploring": "green",
     "avoiding": "bright_green",
     "holding": "yellow",
+    "lost": "bold yellow",
     "returning": "blue",
     "landing": "blue",
     "yielded": "magenta",
     "done": "bright_black",
     "failed": "bold red",
 }
-URGENCY = {"failed": 0, "yielded": 1, "holding": 2, "landing": 3, "returning": 4}
+URGENCY = {"failed": 0, "lost": 1, "yielded": 2, "holding": 3, "landing": 4, "returning": 5}
 """Phases an operator wants to see first when not all fit."""
 LOW_BATTERY = 0.25
 SILENT_S = 1.0
@@ -102,12 +103,13 @@ class ProgressView:
         self._drawn_at = wall_s
         factor = self._factor(wall_s, time_s)
         if self._live is None:
-            line = plain_line(time_s, snapshots, referee or {})
-            line += f"; {known(snapshots)}" if self._is_real else ""
-            self._console.print(line, soft_wrap=True, highlight=False)
+            parts = [plain_line(time_s, snapshots, referee or {})]
+            parts += known(snapshots) if self._is_real else []
+            self._console.print("; ".join(parts), soft_wrap=True, highlight=False)
             return
         room = max(3, self._console.height - HEADER_LINES)
-        counts = known(snapshots) if self._is_real else score(referee or {})
+        told = Text("  ".join(known(snapshots)), no_wrap=True, overflow="ellipsis")
+        counts = told if self._is_real else score(referee or {})
         view = Group(
             header(self._mission, time_s, factor, counts),
             table(snapshots, room, is_real=self._is_real),
@@ -176,18 +178,14 @@ def plain_line(time_s: float, snapshots: Sequence[Snapshot], referee: Mapping[st
     return f"{time_s:7.1f} s  " + "; ".join(part for part in parts if part)
 
 
-def known(snapshots: Sequence[Snapshot]) -> Text:
-    """Say in one line what the vehicles know themselves, where no referee is."""
-    links = sum(len(one.peers) for one in snapshots)
-    seen = sum(one.victims for one in snapshots)
+def known(snapshots: Sequence[Snapshot]) -> list[str]:
+    """Say what the vehicles know themselves, where no referee is."""
+    parts = [f"victims seen {sum(one.victims for one in snapshots)}"]
+    parts.append(f"radio contacts {sum(len(one.peers) for one in snapshots) // 2}")
     told = [one.battery_fraction for one in snapshots if one.battery_fraction is not None]
-    line = Text(f"victims seen {seen}  hear each other {links}", no_wrap=True, overflow="ellipsis")
-    if told:
-        line.append(f"  lowest battery {min(told):.0%}")
+    parts += [f"lowest battery {min(told):.0%}"] if told else []
     silent = [str(one.sysid) for one in snapshots if one.silent_s >= SILENT_S]
-    if silent:
-        line.append(f"  silent: {', '.join(silent)}", style="red")
-    return line
+    return parts + ([f"silent: {', '.join(silent)}"] if silent else [])
 
 
 def score(referee: Mapping[str, Any]) -> Text:
@@ -230,7 +228,7 @@ def _is_low(one: Snapshot) -> bool:
 
 
 def _rank(one: Snapshot) -> tuple[int, int, int]:
-    return URGENCY.get(one.phase, 3 if _is_low(one) else 9), -one.victims, one.sysid
+    return URGENCY.get(one.phase, 4 if _is_low(one) else 9), -one.victims, one.sysid
 
 
 def _cells(one: Snapshot) -> tuple[Text, ...]:

@@ -86,7 +86,6 @@ class SharedLink:
         if before in self._behind:
             self._behind[before].members.remove(member)
         member.source = source
-        member.met_s = min(member.met_s, self.clock())
         behind.members.append(member)
 
 
@@ -98,8 +97,6 @@ class Member:
         self.sysid = sysid
         self.source: Source | None = None
         """Where it speaks from; None until its autopilot's heartbeat was heard."""
-        self.met_s = math.inf
-        """When it was first heard, on the shared link's clock."""
         self.heard_s = -math.inf
         self.shared = shared
         self._heard: Heard | None = None

@@ -14,8 +14,9 @@ from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.run.fleet import Fleet
 from swarm_ctl.run.places import HEARD_S, unheard
 
-BATTERY_S = 2.0
-"""Mission time that is waited for a battery to be told; ArduPilot must be asked."""
+START_S = 3.0
+"""Mission time from ready to take-off: for the operator to read who is there, and to say no."""
+WAITING = {Phase.CONNECTING, Phase.READY}
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 
 
@@ -33,7 +34,8 @@ class RealRun(Fleet):
     ) -> None:
         """Prepare a run; with a key of 32 bytes all that is sent is signed."""
         sysids = [link.sysid for link in links]
-        super().__init__(controllers_for(mission, folder, sysids), folder, speed=speed)
+        controllers = controllers_for(mission, folder, sysids, delay_s=START_S)
+        super().__init__(controllers, folder, speed=speed)
         self.found: list[str] = []
         """A sentence for every vehicle that was found."""
         self._links = links
@@ -55,9 +57,7 @@ class RealRun(Fleet):
     def _is_settled(self, controller: Controller, link: Member) -> bool:
         agent = controller.agent
         if agent.telemetry.autopilot is not None:
-            waited_s = (link.shared.clock() - link.met_s) * self.clock.speed
-            is_known = agent.telemetry.battery_fraction is not None or waited_s > BATTERY_S
-            if is_known or agent.phase is not Phase.CONNECTING:
+            if agent.telemetry.battery_fraction is not None or agent.phase not in WAITING:
                 self.found.append(portrait(controller, link))
                 return True
         elif self.now > HEARD_S and (link.source is None or agent.sender.gate.refused):
