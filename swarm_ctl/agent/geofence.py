@@ -64,16 +64,18 @@ class Guard:
         return Vec3(*limit_velocity(velocity, constraints, self._speed, self._climb))
 
     def _fence(self, motion: Motion) -> list[Constraint]:
-        limits, position, flown = self._limits, motion.position_ned_m, motion.velocity_ned_m_s
-        position = Vec3(*(p + v * self._response_s for p, v in zip(position, flown, strict=True)))
-        height = -position.z
-        floor = wall_limit(height - limits.floor_m, 0.0, VERTICAL_BRAKING_M_S2)
-        ceiling = wall_limit(limits.ceiling_m - height, 0.0, VERTICAL_BRAKING_M_S2)
+        """Bound the speed outwards from here, and from where the vehicle is about to be."""
+        here, flown = motion.position_ned_m, motion.velocity_ned_m_s
+        soon = Vec3(*(p + v * self._response_s for p, v in zip(here, flown, strict=True)))
+        limits, heights = self._limits, (-here.z, -soon.z)
+        floor = wall_limit(min(heights) - limits.floor_m, 0.0, VERTICAL_BRAKING_M_S2)
+        ceiling = wall_limit(limits.ceiling_m - max(heights), 0.0, VERTICAL_BRAKING_M_S2)
         fence = [Constraint(0.0, 0.0, 1.0, floor), Constraint(0.0, 0.0, -1.0, ceiling)]
-        away = math.hypot(position.x, position.y)
-        if away > 0.5 * limits.radius_m:
-            room = wall_limit(limits.radius_m - away, 0.0, self._braking)
-            fence.append(Constraint(position.x / away, position.y / away, 0.0, room))
+        for x, y, _ in (soon, here):
+            away = math.hypot(x, y)
+            if away > 0.5 * limits.radius_m:
+                room = wall_limit(limits.radius_m - away, 0.0, self._braking)
+                fence.append(Constraint(x / away, y / away, 0.0, room))
         return fence
 
     def _walls(self, motion: Motion, ranges_m: Sequence[float]) -> list[Constraint]:

@@ -1,0 +1,287 @@
+"""Whatever telemetry, peers, planner and operator do: what leaves a controller keeps the limits."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from halls import write_hall
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarm_ctl import wire
+from swarm_ctl.agent import beacon as beacons
+from swarm_ctl.agent.agent import Agent, Orders
+from swarm_ctl.agent.geofence import BEAM_BEARINGS_RAD
+from swarm_ctl.agent.phases import SILENT, STREAMING, Phase
+from swarm_ctl.autopilot.px4 import PX4
+from swarm_ctl.mission import load_mission
+from swarm_ctl.model import Operator, Vec3
+
+TICK_S = 0.1
+SPEED_M_S, CLIMB_M_S, BRAKING_M_S2 = 1.5, 0.8, 2.0
+SEPARATION_M, WALL_M, RADIUS_M, FLOOR_M, CEILING_M = 1.0, 0.5, 8.0, 0.4, 3.5
+TOLERANCE_M_S = 0.0101
+"""What the filter lets pass where limits contradict each other (explore/safety.py)."""
+PX4_MODES = [PX4.offboard_mode, PX4.land_mode, 3 << 16, 4 << 16 | 5 << 24, 0]
+COPTER_MODES = [4, 9, 6, 5, 0]
+ARMED = 0x80
+ORIENTATIONS = (0, 12, 6, 2, 24, 25)
+
+odd = st.sampled_from([math.nan, math.inf, -math.inf, 1e30, -1e30, 0.0])
+metres = st.floats(-12.0, 12.0) | odd
+speeds = st.floats(-20.0, 20.0) | odd
+
+
+@dataclass(frozen=True)
+class Step:
+    """What reaches the controller between two ticks, each None when nothing does."""
+
+    mode: int | None
+    is_armed: bool
+    status: int
+    place: tuple[float, float, float] | None
+    velocity: tuple[float, float, float]
+    yaw: float | None
+    ranges_cm: tuple[int, ...] | None
+    battery: int | None
+    peer: tuple[int, float, float, float] | None
+    plan: tuple[float, float, float, float] | str | None
+    order: Operator | None
+    noise: bytes
+
+
+steps = st.builds(
+    Step,
+    mode=st.none() | st.sampled_from([0, 0, 0, 0, 1, 2, 3, 4]),
+    is_armed=st.sampled_from([True] * 9 + [False]),
+    status=st.sampled_from([4, 4, 4, 5, 8, 0]),
+    place=st.none() | st.tuples(metres, metres, st.floats(-5.0, 1.0) | odd),
+    velocity=st.tuples(speeds, speeds, speeds),
+    yaw=st.none() | st.floats(-4.0, 4.0) | odd,
+    ranges_cm=st.none() | st.tuples(*[st.integers(0, 500)] * 6),
+    battery=st.none() | st.integers(-1, 100),
+    peer=st.none() | st.tuples(st.integers(2, 4), metres, metres, metres),
+    plan=st.none() | st.just("raises") | st.tuples(speeds, speeds, speeds, speeds),
+    order=st.sampled_from([None] * 12 + list(Operator)),
+    noise=st.sampled_from([b""] * 5) | st.binary(max_size=40),
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a planner of any temper gives."""
+
+    velocity_m_s: Any
+    heading_rad: Any
+    target_m: Any
+    is_new: Any
+    avoiding: Any
+
+
+class Bench:
+    """A controller on the bench, its autopilot played by hand."""
+
+    def __init__(self, folder: Path, *, is_px4: bool, dimensions: int) -> None:
+        limits = {"radius_m": RADIUS_M, "floor_m": FLOOR_M, "ceiling_m": CEILING_M}
+        limits |= {"separation_m": SEPARATION_M, "wall_m": WALL_M}
+        flight = {"height_m": 1.5, "speed_m_s": SPEED_M_S, "climb_m_s": CLIMB_M_S}
+        flight |= {"acceleration_m_s2": BRAKING_M_S2}
+        planner = {"kind": "lf-pso", "dimensions": dimensions}
+        changed = {"limits": limits, "flight": flight, "planner": planner}
+        mission = load_mission(write_hall(folder, changed))
+        self.agent = Agent(
+            1,
+            Orders(
+                mission=mission.name,
+                duration_s=mission.duration_s,
+                planner=mission.planner,
+                flight=mission.flight,
+                limits=mission.limits,
+                seed=1,
+            ),
+        )
+        self.tag = beacons.mission_tag(mission.name)
+        self.is_px4, self.is_level = is_px4, dimensions == 2
+        self.now = 0.0
+        self.out = wire.Parser(("SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG"))
+        self.setpoints = 0
+
+    def hear(self, name: str, *values: object, sysid: int = 1, compid: int = 1) -> None:
+        self.agent.receive(wire.message(name).pack(0, sysid, compid, *values), self.now)
+
+    def beat(self, mode: int, *, is_armed: bool, status: int) -> None:
+        autopilot, modes = (12, PX4_MODES) if self.is_px4 else (3, COPTER_MODES)
+        base_mode = 1 | (ARMED if is_armed else 0)
+        self.hear("HEARTBEAT", 2, autopilot, base_mode, modes[mode], status, 3)
+
+    def tell(self, place: tuple[float, ...], velocity: tuple[float, ...]) -> None:
+        self.hear("LOCAL_POSITION_NED", int(self.now * 1000) + 1, *place, *velocity)
+
+    def see(self, ranges_cm: tuple[int, ...]) -> None:
+        for index, (orientation, cm) in enumerate(zip(ORIENTATIONS, ranges_cm, strict=True)):
+            self.hear("DISTANCE_SENSOR", 0, 10, 400, cm, 0, index, orientation, 255)
+
+    def take_off(self) -> None:
+        """Play a healthy vehicle until it explores."""
+        height_m, mode, is_armed = 0.0, 4, False
+        while self.agent.phase not in {Phase.EXPLORING, Phase.AVOIDING}:
+            assert self.now < 60.0, self.agent.trouble
+            if self.agent.phase is Phase.ARMING:
+                is_armed, mode = mode == 0, 0
+            if self.agent.phase is Phase.TAKEOFF:
+                height_m += 0.1
+            self.beat(mode, is_armed=is_armed, status=4 if is_armed else 3)
+            self.tell((0.0, 0.0, -height_m), (0.0, 0.0, 0.0))
+            self.hear("ATTITUDE", int(self.now * 1000) + 1, *[0.0] * 6)
+            self.see((500,) * 6)
+            self.tick()
+
+    def suffer(self, step: Step) -> None:
+        """Let a step happen, then tick."""
+        if step.mode is not None:
+            self.beat(step.mode, is_armed=step.is_armed, status=step.status)
+        if step.place is not None:
+            self.tell(step.place, step.velocity)
+        if step.yaw is not None:
+            self.hear("ATTITUDE", int(self.now * 1000) + 1, 0.0, 0.0, step.yaw, 0.0, 0.0, 0.0)
+        if step.ranges_cm is not None:
+            self.see(step.ranges_cm)
+        if step.battery is not None:
+            self.hear("SYS_STATUS", 0, 0, 0, 0, 0, 0, step.battery, 0, 0, 0, 0, 0, 0)
+        if step.peer is not None:
+            self.meet(*step.peer, velocity=step.velocity)
+        if step.order is not None:
+            self.agent.order(step.order, self.now)
+        self.agent.receive(step.noise, self.now)
+        self.agent._planner.step = lambda *_: plan_of(step.plan, self.is_level)  # type: ignore[method-assign]
+        self.tick()
+
+    def meet(
+        self, sysid: int, north: float, east: float, down: float, velocity: tuple[float, ...]
+    ) -> None:
+        """Let the radio measure a peer, and the peer tell of itself."""
+        offset = Vec3(north, east, down)
+        distance_m = math.hypot(*offset)
+        if not 0.0 < distance_m < 600.0:
+            return
+        x, y, z = (part / distance_m for part in offset)
+        turned = (1.0 + x, 0.0, -z, y) if x > -0.999 else (0.0, 0.0, 0.0, 1.0)
+        size = math.hypot(*turned)
+        quaternion = tuple(part / size for part in turned)
+        cm = round(distance_m * 100)
+        sensor = (0, 0, 60000, cm, 4, sysid, 100, 255, 0.0, 0.0, quaternion)
+        self.hear("DISTANCE_SENSOR", *sensor, compid=68)
+        told = Vec3(*(v if math.isfinite(v) and abs(v) < 300.0 else 0.0 for v in velocity))
+        here = Vec3(0.0, 0.0, -1.5)
+        payload = beacons.encode(beacons.Beacon(self.tag, Phase.EXPLORING, told, here, None, (1,)))
+        values = (0, 0, beacons.BEACON_TYPE, len(payload), payload)
+        self.hear("TUNNEL", *values, sysid=sysid, compid=191)
+
+    def tick(self) -> None:
+        self.now = round(self.now + TICK_S, 3)
+        for frame in self.out.feed(self.agent.tick(self.now)):
+            if frame.id == wire.message("COMMAND_LONG").id:
+                assert self.agent.phase not in SILENT, f"a command while {self.agent.phase}"
+            else:
+                self.setpoints += 1
+                self.check(frame.values)
+
+    def check(self, setpoint: Any) -> None:
+        """Hold a setpoint against every limit, computed here anew."""
+        agent = self.agent
+        assert agent.phase in STREAMING, f"a setpoint while {agent.phase}"
+        velocity = (setpoint.vx, setpoint.vy, setpoint.vz)
+        assert all(map(math.isfinite, (*velocity, setpoint.yaw)))
+        assert setpoint.type_mask == 0x9C7
+        assert math.hypot(setpoint.vx, setpoint.vy) <= SPEED_M_S + 1e-5
+        assert abs(setpoint.vz) <= CLIMB_M_S + 1e-5
+        for name, towards, room_m, braking in self.limits():
+            speed = sum(v * n for v, n in zip(velocity, towards, strict=True))
+            most = math.sqrt(2.0 * braking * room_m) if room_m > 0.0 else 0.0
+            assert speed <= most + TOLERANCE_M_S, f"{speed:.3f} m/s at a {name} {room_m:.3f} m off"
+
+    def limits(self) -> list[tuple[str, tuple[float, float, float], float, float]]:
+        """Give name, direction, room that is left and braking of all that may not be run into."""
+        agent, telemetry = self.agent, self.agent.telemetry
+        x, y, z = telemetry.position_ned_m
+        away_m, half = math.hypot(x, y), BRAKING_M_S2 / 2.0
+        found = [
+            ("floor", (0.0, 0.0, 1.0), -z - FLOOR_M, 0.5),
+            ("ceiling", (0.0, 0.0, -1.0), CEILING_M + z, 0.5),
+        ]
+        if away_m > 0.5 * RADIUS_M:
+            found.append(("fence", (x / away_m, y / away_m, 0.0), RADIUS_M - away_m, half))
+        for peer in agent.neighbours:
+            dx, dy, dz = peer.offset_ned_m
+            if self.is_level:
+                if abs(dz) >= SEPARATION_M:
+                    continue
+                dz = 0.0
+            distance_m = math.hypot(dx, dy, dz)
+            if distance_m > 1e-3:
+                way = (dx / distance_m, dy / distance_m, dz / distance_m)
+                found.append(("peer", way, distance_m - SEPARATION_M, half / 2.0))
+        for index, range_m in enumerate(telemetry.ranges_m):
+            if range_m == math.inf or self.now - telemetry.ranges_s[index] > 0.5:
+                continue
+            if index < 4:
+                bearing = telemetry.yaw_rad + BEAM_BEARINGS_RAD[index]
+                beam = (math.cos(bearing), math.sin(bearing), 0.0)
+            else:
+                beam = (0.0, 0.0, -1.0 if index == 4 else 1.0)
+            found.append(("wall", beam, range_m - WALL_M, half if index < 4 else 0.5))
+        return found
+
+
+@cache
+def a_folder() -> Path:
+    """Give a folder for mission files; one for all examples."""
+    return Path(tempfile.mkdtemp())
+
+
+def plan_of(wanted: tuple[float, float, float, float] | str | None, is_level: bool) -> Any:
+    if wanted is None:
+        return None
+    if isinstance(wanted, str):
+        raise ValueError(wanted)  # noqa: TRY004 - any error will do
+    north, east, down, heading = wanted
+    velocity = [north, east] if is_level else [north, east, down]
+    no = np.array([False])
+    return Plan(np.array([velocity]), np.array([heading]), np.array([velocity]), no, no)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.booleans(), st.sampled_from([2, 3]), st.lists(steps, min_size=5, max_size=40))
+def test_no_setpoint_breaks_a_limit_and_none_leaves_in_a_wrong_phase(
+    is_px4: bool, dimensions: int, story: list[Step]
+) -> None:
+    bench = Bench(a_folder(), is_px4=is_px4, dimensions=dimensions)
+    bench.take_off()
+    for step in story:
+        bench.suffer(step)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.booleans(), st.lists(steps, min_size=5, max_size=40))
+def test_nothing_leaves_out_of_turn_before_take_off_either(is_px4: bool, story: list[Step]) -> None:
+    bench = Bench(a_folder(), is_px4=is_px4, dimensions=2)
+    for step in story:
+        bench.suffer(step)
+
+
+def test_the_bench_flies(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, is_px4=True, dimensions=2)
+    bench.take_off()
+    before = bench.setpoints
+    calm = Step(
+        0, True, 4, (0, 0, -1.5), (0, 0, 0), 0.0, (500,) * 6, 90, None, (1, 0, 0, 0), None, b""
+    )
+    for _ in range(10):
+        bench.suffer(calm)
+    assert bench.setpoints == before + 10
