@@ -35,7 +35,13 @@ ORIENTATIONS = (0, 12, 6, 2, 24, 25)
 
 odd = st.sampled_from([math.nan, math.inf, -math.inf, 1e30, -1e30, 0.0])
 metres = st.floats(-12.0, 12.0) | odd
-speeds = st.floats(-20.0, 20.0) | odd
+near = st.floats(-2.5, 2.5)
+speeds = st.floats(-3.0, 3.0)
+
+
+def mostly(usual: st.SearchStrategy[Any], seldom: st.SearchStrategy[Any]) -> Any:
+    """Draw the usual nine times of ten: a story in which all goes wrong at once ends at once."""
+    return st.integers(0, 9).flatmap(lambda draw: seldom if draw == 9 else usual)
 
 
 @dataclass(frozen=True)
@@ -45,31 +51,35 @@ class Step:
     mode: int | None
     is_armed: bool
     status: int
+    moved: tuple[float, float, float]
+    """From where it was, in metres."""
     place: tuple[float, float, float] | None
+    """Where it is said to be all of a sudden."""
     velocity: tuple[float, float, float]
     yaw: float | None
     ranges_cm: tuple[int, ...] | None
     battery: int | None
     peer: tuple[int, float, float, float] | None
-    plan: tuple[float, float, float, float] | str | None
+    plan: tuple[float, float, float, float] | None
     order: Operator | None
     noise: bytes
 
 
 steps = st.builds(
     Step,
-    mode=st.none() | st.sampled_from([0, 0, 0, 0, 1, 2, 3, 4]),
-    is_armed=st.sampled_from([True] * 9 + [False]),
-    status=st.sampled_from([4, 4, 4, 5, 8, 0]),
-    place=st.none() | st.tuples(metres, metres, st.floats(-5.0, 1.0) | odd),
-    velocity=st.tuples(speeds, speeds, speeds),
-    yaw=st.none() | st.floats(-4.0, 4.0) | odd,
-    ranges_cm=st.none() | st.tuples(*[st.integers(0, 500)] * 6),
-    battery=st.none() | st.integers(-1, 100),
-    peer=st.none() | st.tuples(st.integers(2, 4), metres, metres, metres),
-    plan=st.none() | st.just("raises") | st.tuples(speeds, speeds, speeds, speeds),
-    order=st.sampled_from([None] * 12 + list(Operator)),
-    noise=st.sampled_from([b""] * 5) | st.binary(max_size=40),
+    mode=mostly(st.sampled_from([None, 0]), st.sampled_from([1, 2, 3, 4])),
+    is_armed=mostly(st.just(True), st.booleans()),
+    status=mostly(st.just(4), st.sampled_from([5, 8, 0])),
+    moved=st.tuples(*[st.floats(-0.5, 0.5)] * 3),
+    place=mostly(st.none(), st.tuples(metres, metres, st.floats(-5.0, 1.0) | odd)),
+    velocity=mostly(st.tuples(speeds, speeds, speeds), st.tuples(odd, odd, odd)),
+    yaw=mostly(st.none() | st.floats(-4.0, 4.0), odd),
+    ranges_cm=st.none() | st.tuples(*[st.integers(0, 300)] * 6),
+    battery=mostly(st.none(), st.integers(-1, 100)),
+    peer=st.none() | st.tuples(st.integers(2, 4), near, near, near),
+    plan=mostly(st.tuples(speeds, speeds, speeds, speeds), st.none() | st.tuples(*[odd] * 4)),
+    order=mostly(st.none(), st.none() | st.sampled_from(list(Operator))),
+    noise=mostly(st.just(b""), st.binary(max_size=40)),
 )
 
 
@@ -111,6 +121,7 @@ class Bench:
         self.now = 0.0
         self.out = wire.Parser(("SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG"))
         self.setpoints = 0
+        self.place: tuple[float, ...] = (0.0, 0.0, -1.5)
 
     def hear(self, name: str, *values: object, sysid: int = 1, compid: int = 1) -> None:
         self.agent.receive(wire.message(name).pack(0, sysid, compid, *values), self.now)
@@ -121,6 +132,8 @@ class Bench:
         self.hear("HEARTBEAT", 2, autopilot, base_mode, modes[mode], status, 3)
 
     def tell(self, place: tuple[float, ...], velocity: tuple[float, ...]) -> None:
+        if all(math.isfinite(value) and abs(value) < 100.0 for value in place):
+            self.place = place
         self.hear("LOCAL_POSITION_NED", int(self.now * 1000) + 1, *place, *velocity)
 
     def see(self, ranges_cm: tuple[int, ...]) -> None:
@@ -146,8 +159,8 @@ class Bench:
         """Let a step happen, then tick."""
         if step.mode is not None:
             self.beat(step.mode, is_armed=step.is_armed, status=step.status)
-        if step.place is not None:
-            self.tell(step.place, step.velocity)
+        place = step.place or tuple(p + m for p, m in zip(self.place, step.moved, strict=True))
+        self.tell(place, step.velocity)
         if step.yaw is not None:
             self.hear("ATTITUDE", int(self.now * 1000) + 1, 0.0, 0.0, step.yaw, 0.0, 0.0, 0.0)
         if step.ranges_cm is not None:
@@ -245,11 +258,9 @@ def a_folder() -> Path:
     return Path(tempfile.mkdtemp())
 
 
-def plan_of(wanted: tuple[float, float, float, float] | str | None, is_level: bool) -> Any:
+def plan_of(wanted: tuple[float, float, float, float] | None, is_level: bool) -> Any:
     if wanted is None:
-        return None
-    if isinstance(wanted, str):
-        raise ValueError(wanted)  # noqa: TRY004 - any error will do
+        raise ValueError("no idea")
     north, east, down, heading = wanted
     velocity = [north, east] if is_level else [north, east, down]
     no = np.array([False])
@@ -279,9 +290,8 @@ def test_the_bench_flies(tmp_path: Path) -> None:
     bench = Bench(tmp_path, is_px4=True, dimensions=2)
     bench.take_off()
     before = bench.setpoints
-    calm = Step(
-        0, True, 4, (0, 0, -1.5), (0, 0, 0), 0.0, (500,) * 6, 90, None, (1, 0, 0, 0), None, b""
-    )
+    no = (0.0, 0.0, 0.0)
+    calm = Step(0, True, 4, no, None, no, 0.0, (500,) * 6, 90, None, (1.0, *no), None, b"")
     for _ in range(10):
         bench.suffer(calm)
     assert bench.setpoints == before + 10
