@@ -7,14 +7,15 @@ import contextlib
 import time
 
 from swarm_ctl.agent.agent import Agent
+from swarm_ctl.agent.diary import Diary, distrust, resume
 from swarm_ctl.link import Link, Source
 from swarm_ctl.model import Operator, Vec3
 from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.paths import WAYPOINT_S
 from swarm_ctl.record.summary import VehicleResult
 
 TICK_S = 0.1
 """Mission time between two decisions and two setpoints."""
-WAYPOINT_S = 1.0
 KILLED = "its controller was killed"
 
 
@@ -29,6 +30,19 @@ class Controller:
         self._waypoints = folder.waypoints(agent.sysid)
         self._next_waypoint_s = 0.0
         self._target: Vec3 | None = None
+        self._diary = self._take_over()
+        self._flight_journal = folder.flight_journal(agent.sysid)
+
+    def _take_over(self) -> Diary:
+        """Go on where an earlier process was killed, if there was one."""
+        folder, agent = self._folder, self.agent
+        story, now = folder.story(agent.sysid), folder.resumed_s
+        if story is None or now is None:
+            return Diary(agent)
+        if not story.fault and story.pages:
+            away_s = now - story.pages[-1]["time_s"]
+            return resume(agent, story.pages, now, away_s, is_whole=story.is_whole)
+        return distrust(agent, story.fault, now)
 
     def receive(self, data: bytes, now: float) -> None:
         """Take a datagram from the vehicle."""
@@ -50,6 +64,8 @@ class Controller:
         agent = self.agent
         for event in agent.drain_events():
             self._folder.journal.write(event)
+        if self._flight_journal is not None and (page := self._diary.page(now)) is not None:
+            self._flight_journal.append(page)
         if agent.explored_from_s is None:
             return
         if now >= self._next_waypoint_s:
@@ -84,7 +100,7 @@ class Controller:
             reason=agent.trouble,
             messages_sent=agent.sender.sent,
             messages_received=agent.parser.stats.frames,
-            messages_lost=agent.parser.lost_of(agent.sysid),
+            messages_lost=agent.messages_lost,
             victims=sorted(agent.victims),
             explored_from_s=agent.explored_from_s,
             explored_to_s=agent.explored_to_s,
@@ -96,12 +112,13 @@ class Controller:
 class Clock:
     """Mission time that follows the machine's clock, `speed` times as fast."""
 
-    def __init__(self, speed: float = 1.0) -> None:
+    def __init__(self, speed: float = 1.0, now: float = 0.0) -> None:
+        """Start it at a mission time."""
         self.speed = speed
-        self._began = time.monotonic()
+        self._began = time.monotonic() - now / speed
 
     def now(self) -> float:
-        """Give mission time in seconds, from 0."""
+        """Give mission time in seconds."""
         return (time.monotonic() - self._began) * self.speed
 
     async def sleep_until(self, moment_s: float) -> None:

@@ -84,10 +84,16 @@ def controllers_for(
     if mission.planner.kind == "explore":
         warm_up(mission.planner)
     spacing_s = mission.flight.start_spacing_s
-    return [
-        Controller(index, Agent(sysid, orders, start_delay_s=delay_s + index * spacing_s), folder)
+    agents = [
+        Agent(
+            sysid,
+            orders,
+            start_delay_s=delay_s + index * spacing_s,
+            restarts=folder.restarts(sysid),
+        )
         for index, sysid in enumerate(sysids or range(1, mission.vehicles + 1))
     ]
+    return [Controller(index, agent, folder) for index, agent in enumerate(agents)]
 
 
 def sign_with(key: bytes, controllers: Sequence[Controller], began: datetime) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from swarm_ctl import wire
 from swarm_ctl.agent import beacon as beacons
-from swarm_ctl.agent.duties import DUTIES, HAS_LANDED, IS_HOME
+from swarm_ctl.agent.duties import DUTIES, IS_HOME
 from swarm_ctl.agent.frame import FrameParams, SharedFrame, shift_between
 from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.homing import Homeward, Trail
@@ -20,6 +20,7 @@ from swarm_ctl.agent.orders import COMMAND_IDS, COMMANDS, Inbox, obey
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peers import Neighbour, PeerTable
 from swarm_ctl.agent.phases import ENDED, SILENT, STEERING, STREAMING, Cause, Phase, advance
+from swarm_ctl.agent.regain import HAS_LANDED, STILL_LANDING
 from swarm_ctl.agent.sender import Sender
 from swarm_ctl.agent.sharing import Sharing
 from swarm_ctl.agent.watch import TIME_OVER, Vigil, missing, watch
@@ -40,7 +41,7 @@ REPEAT_S = 2.0
 """Between two requests for the same change, when the first one was accepted without effect."""
 _TUNNEL_ID, _ORIGIN_ID = wire.message("TUNNEL").id, wire.message("GPS_GLOBAL_ORIGIN").id
 
-_AS_PLANNED = frozenset({TIME_OVER, IS_HOME, HAS_LANDED})
+_AS_PLANNED = frozenset({TIME_OVER, IS_HOME, HAS_LANDED, STILL_LANDING})
 _ASIDE = frozenset(
     {commands.SET_MESSAGE_INTERVAL, commands.REQUEST_MESSAGE, commands.RUN_PREARM_CHECKS}
 )
@@ -72,7 +73,10 @@ class Agent:
     read and write the plain attributes below.
     """
 
-    def __init__(self, sysid: int, orders: Orders, *, start_delay_s: float = 0.0) -> None:
+    def __init__(
+        self, sysid: int, orders: Orders, *, start_delay_s: float = 0.0, restarts: int = 0
+    ) -> None:
+        """Begin with the first controller of a flight, or with one after some `restarts`."""
         self.sysid = sysid
         self.orders = orders
         self.start_delay_s = start_delay_s
@@ -86,6 +90,8 @@ class Agent:
         self.refusal = ""
         """The last command the autopilot refused, and why."""
         self.parser = wire.Parser({*SUBSCRIBED, *COMMANDS})
+        self.lost_before = 0
+        """Frames that were lost before the last restart."""
         self.frame = SharedFrame(orders.frame, sysid)
         self.telemetry = Telemetry(sysid, self.frame.yaw_offset_rad)
         self.peers = PeerTable()
@@ -99,8 +105,8 @@ class Agent:
         self.victims: dict[int, Vec3] = {}
         self.explored_from_s: float | None = None
         self.explored_to_s: float | None = None
-        self.is_paused = False
-        self.was_offboard = False
+        self.is_paused = self.was_offboard = self.is_steering = False
+        """Held by the operator; has obeyed setpoints; the last tick gave one."""
         self.vigil = Vigil()
         self.homebound = ""
         """Why the vehicle is on its way home for good, in words; empty while it is not."""
@@ -110,13 +116,12 @@ class Agent:
         self.planned_ned_m_s = ZERO
         self.target_ned_m: Vec3 | None = None
         self.yaw_rad = 0.0
-        is_level = orders.planner.dimensions == 2
-        self._guard = Guard(orders.limits, orders.flight, is_level=is_level)
+        self._guard = Guard(orders.limits, orders.flight, is_level=orders.planner.dimensions == 2)
         self._planner = make_planner(
             orders.planner,
             speed_m_s=orders.flight.speed_m_s,
             climb_m_s=orders.flight.climb_m_s,
-            seeds=[(orders.seed, sysid)],
+            seeds=[(orders.seed, sysid, restarts) if restarts else (orders.seed, sysid)],
             sysid=sysid,
         )
         self._sharing = None
@@ -126,9 +131,7 @@ class Agent:
         self._scanned_s = -math.inf
         self._tag = beacons.mission_tag(orders.mission)
         self._events: list[Event] = []
-        self._next_heartbeat_s = 0.0
-        self._next_beacon_s = 0.0
-        self._next_ask_s = 0.0
+        self._next_heartbeat_s = self._next_beacon_s = self._next_ask_s = 0.0
 
     # -- what the shell calls ------------------------------------------------------------------
 
@@ -140,6 +143,16 @@ class Agent:
     def is_ended(self) -> bool:
         """Whether the mission is over for this vehicle, one way or the other."""
         return self.phase in ENDED
+
+    @property
+    def explorer(self) -> Explorer | None:
+        """The planner, if it is one with a memory."""
+        return self._sharing.explorer if self._sharing is not None else None
+
+    @property
+    def messages_lost(self) -> int:
+        """Frames of this vehicle that never came."""
+        return self.lost_before + self.parser.lost_of(self.sysid)
 
     def receive(self, data: bytes, now: float) -> None:
         """Take a datagram from the vehicle's link; never raises on what is in it."""
@@ -164,8 +177,16 @@ class Agent:
         acks = [self.sender.acknowledge(ack) for ack in self.inbox.answer(partial(obey, self), now)]
         watch(self)
         velocity = None if self.is_ended else DUTIES[self.phase](self)
+        self.is_steering = velocity is not None and self.phase in STREAMING
         frames = [] if self.is_ended else self._frames(velocity)
         return b"".join(frames + acks)
+
+    def standstill(self) -> bytes:
+        """Give a setpoint to stop by, for who finds this controller dead; empty if none is due."""
+        if not self.is_steering or self.is_ended:
+            return b""
+        stand_in = Sender(self.sysid, self.frame.yaw_offset_rad)
+        return stand_in.setpoint(Setpoint(ZERO, self.yaw_rad), self.now)
 
     def order(self, operator: Operator, now: float) -> bool:
         """Take an operator's order; False for one that makes no sense now, and changes nothing."""
@@ -234,7 +255,7 @@ class Agent:
         if cause is Cause.RETURN:
             self.homebound = reason
         if cause is Cause.SILENT:
-            self.vigil.was_landing = before is Phase.LANDING
+            self.vigil.lost_from = before
         if cause in _ENDING and reason not in _AS_PLANNED:
             self.trouble = self.trouble or reason
         if before in {Phase.EXPLORING, Phase.AVOIDING}:
@@ -280,10 +301,12 @@ class Agent:
 
     def way_home(self, own: bool) -> list[Vec3]:
         """Give places to fly by, the start last: over known ground, else over its own trail."""
+        place, d = self.telemetry.position_ned_m, self.orders.planner.dimensions
         flown = self.trail.way_home()
+        if d == 2:  # a failsafe may have been lower, where this mission does not fly
+            flown = [spot._replace(z=place.z) for spot in flown]
         if self._sharing is None or own or not flown:
             return flown
-        place, d = self.telemetry.position_ned_m, self.orders.planner.dimensions
         known = self._sharing.explorer.way_to(place[:d], flown[-1][:d])
         return [_vec3(corner, place.z) for corner in known] or flown
 
@@ -371,13 +394,14 @@ class Agent:
         self._answered(timed_out)
         if due is not None and self.phase not in SILENT:
             frames.append(sender.command(*due))
-        if velocity is not None and self.phase in STREAMING:
+        if velocity is not None and self.is_steering:
             frames.append(sender.setpoint(self._last_word(velocity), now))
         if self.phase is Phase.CONNECTING and self.frame.is_time_to_ask(self.telemetry, now):
             self.commands.request(command(commands.REQUEST_MESSAGE, _ORIGIN_ID))
             origin = self.frame.origin_to_tell
             frames += [] if origin is None else [sender.origin(origin)]
-        if now >= self._next_beacon_s and self.telemetry.autopilot is not None:
+        is_known = self.telemetry.autopilot is not None and not self.vigil.distrust
+        if now >= self._next_beacon_s and is_known:
             self._next_beacon_s = now + beacons.PERIOD_S
             payload = beacons.encode(self._beacon())
             frames.append(sender.broadcast(beacons.BEACON_TYPE, payload))

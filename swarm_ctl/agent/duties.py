@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from swarm_ctl.agent.phases import Cause, Phase
+from swarm_ctl.agent.regain import HAS_LANDED
 from swarm_ctl.agent.watch import MODE_LAG_S, missing
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.base import CUSTOM_MODE_FLAG
@@ -29,10 +30,10 @@ STREAM_BEFORE_SWITCH_S = 1.0
 SETTLED_M_S = 0.2
 """A landing begun any faster ends beside the place it was meant for."""
 CLIMBED_FRACTION = 0.9
-ON_GROUND_M = 0.3
 DOWN = RANGE_ORDER.index("down")
+ON_GROUND_M = 0.3
 HOLD_GAIN, HOLD_M_S = 0.8, 0.3
-IS_HOME, HAS_LANDED = "home", "landed"
+IS_HOME = "home"
 
 Duty = Callable[["Agent"], Vec3 | None]
 
@@ -158,7 +159,7 @@ def listen(_agent: Agent) -> Vec3 | None:
 
 def give_way(agent: Agent) -> Vec3 | None:
     """Do nothing: a pilot flies; the mission ends when he has landed."""
-    if not agent.telemetry.armed:
+    if not agent.telemetry.armed and agent.telemetry.heartbeat_s > -math.inf:
         agent.enter(Cause.DISARMED, f"{agent.reason}; the vehicle is on the ground")
     return None
 

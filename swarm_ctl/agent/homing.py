@@ -24,6 +24,8 @@ class Trail:
     """Cells visited, joined where the vehicle flew from one into the next."""
 
     def __init__(self) -> None:
+        self.marks: list[Vec3] = []
+        """Where a cell was entered, in order: marked again, they give the same trail."""
         self._places: dict[Cell, Vec3] = {}
         self._joined: dict[Cell, set[Cell]] = {}
         self._here: Cell | None = None
@@ -33,6 +35,7 @@ class Trail:
         cell = _cell(position_ned_m)
         if cell == self._here:
             return
+        self.marks.append(position_ned_m)
         if cell not in self._places:
             self._places[cell] = position_ned_m
             self._joined[cell] = set()

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from swarm_ctl.agent.endurance import Endurance
 from swarm_ctl.agent.failsafe import Health, Verdict, verdict
 from swarm_ctl.agent.phases import STEERING, Cause, Phase
+from swarm_ctl.agent.regain import heard_again, who_has_it
+from swarm_ctl.model import Vec3
 
 if TYPE_CHECKING:
     from swarm_ctl.agent.agent import Agent
@@ -41,8 +43,14 @@ class Vigil:
     """Since when something has demanded a hold, whether or not an operator paused it as well."""
     is_crowded: bool = False
     """Whether a peer is much too close."""
-    was_landing: bool = False
-    """Whether the vehicle was landing when its link was lost."""
+    lost_from: Phase | None = None
+    """What the vehicle was doing when its link or its controller was lost."""
+    left_ned_m: Vec3 | None = None
+    """Where its controller last knew it, when that was another process."""
+    boot_s: float = 0.0
+    """What its autopilot's clock said then."""
+    distrust: str = ""
+    """Why nothing is known of the flight so far, in words; empty when all is."""
     endurance: Endurance = field(default_factory=Endurance)
 
 
@@ -66,7 +74,7 @@ def watch(agent: Agent) -> None:
         agent.enter(Cause.SILENT if agent.phase in _AIRBORNE else Cause.FAULT, judged.reason)
     elif _has_lost_the_stick(agent):
         agent.commands.clear()
-        agent.enter(Cause.PILOT, _who_has_it(agent))
+        agent.enter(Cause.PILOT, who_has_it(agent))
     elif agent.phase in STEERING:
         _watch_flight(agent, judged)
 
@@ -102,21 +110,10 @@ def _watch_from_afar(agent: Agent, silent_s: float) -> None:
     telemetry = agent.telemetry
     if silent_s > GONE_S:
         agent.enter(Cause.FAULT, f"nothing heard from its autopilot for {silent_s:.0f} s")
-    elif agent.phase is Phase.YIELDED or telemetry.mode_s <= agent.entered_s:
+    elif agent.phase is Phase.YIELDED or telemetry.heartbeat_s <= agent.entered_s:
         return
-    elif not telemetry.armed:
-        agent.enter(Cause.DISARMED, f"{agent.reason}; it was on the ground when it was heard again")
-    elif telemetry.is_offboard or telemetry.is_failsafe:
-        agent.vigil.mode_lost_s = None
-        agent.note("LinkRegained")
-        agent.enter(*_after_silence(agent))
-    else:
-        agent.enter(Cause.PILOT, _who_has_it(agent))
-
-
-def _after_silence(agent: Agent) -> Verdict:
-    words = "its link is back"
-    return Verdict(Cause.LAND if agent.vigil.was_landing else Cause.RECOVERED, words)
+    elif (found := heard_again(agent)) is not None:
+        agent.enter(*found)
 
 
 def _watch_flight(agent: Agent, judged: Verdict | None) -> None:
@@ -202,12 +199,6 @@ def _estimate_trouble(agent: Agent) -> str:
 def _is_time_up(agent: Agent) -> bool:
     begun_s = agent.explored_from_s
     return begun_s is not None and agent.now - begun_s >= agent.orders.duration_s
-
-
-def _who_has_it(agent: Agent) -> str:
-    telemetry = agent.telemetry
-    who = "its autopilot's own failsafe" if telemetry.is_failsafe else "the pilot"
-    return f"{who} chose {telemetry.mode_name}"
 
 
 def _has_lost_the_stick(agent: Agent) -> bool:

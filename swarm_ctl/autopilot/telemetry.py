@@ -164,6 +164,16 @@ class Telemetry:
         return self.autopilot is not None and self.custom_mode == self.autopilot.offboard_mode
 
     @property
+    def boot_s(self) -> float:
+        """What the autopilot's own clock said with its last position, since its boot."""
+        return self._boot_ms.get("LOCAL_POSITION_NED", 0) / 1000.0
+
+    @property
+    def is_landing(self) -> bool:
+        """Whether the autopilot lands by itself."""
+        return self.autopilot is not None and self.custom_mode == self.autopilot.land_mode
+
+    @property
     def is_failsafe(self) -> bool:
         """Whether a failsafe of the autopilot's own flies it, and no pilot chose its mode."""
         if self.system_status in {EMERGENCY, TERMINATED}:

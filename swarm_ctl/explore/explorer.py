@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,16 @@ CLAIM_S = 60.0
 FRESH_S = 20.0
 """A peer is taken to be where it was last seen for so long, when frontiers are shared out."""
 _ROW: Rows = np.zeros(1, dtype=np.intp)
+
+
+class WrittenOff(NamedTuple):
+    """A place that a vehicle does without, after an attempt."""
+
+    kind: str
+    """`block`, `wall` or `give up`."""
+    point_m: list[float]
+    axis: int
+    """Across which a wall lies, 0 to 2."""
 
 
 class Explorer:
@@ -86,6 +97,8 @@ class Explorer:
         self._steps = 0
         self._is_new = False
         self._was_avoiding = False
+        self.written_off: list[WrittenOff] = []
+        """Ground that this vehicle could not pass or reach, in the order of its attempts."""
         self.searches = 0
         """Frontier searches so far."""
 
@@ -171,6 +184,32 @@ class Explorer:
         """Give the corners of the shortest way over ground that anybody it met has seen."""
         return find_way_to(self.memory, position_m, goal_m)
 
+    # -- going on after a restart --------------------------------------------------------------
+
+    @property
+    def head_m(self) -> list[float]:
+        """Where the way ends that the own log tells, and what is still to come of it."""
+        return self._place
+
+    def resume(
+        self,
+        payloads: Iterable[bytes],
+        written_off: Iterable[WrittenOff],
+        head_m: list[float],
+        now: float,
+    ) -> None:
+        """Know again what an earlier process knew: `trails.beyond`, `written_off` and `head_m`."""
+        self._now = now
+        for data in payloads:
+            for news in self.trails.read_back(data):
+                self._paint(news)
+        for place in written_off:
+            self.write_off(*place)
+        vertex = self.trails.last_m(self.trails.sysid)
+        if head_m and vertex:
+            self.memory.sweep(vertex, head_m)
+            self._place, self._vertex, self._since = head_m, vertex, [head_m]
+
     # -- the step ------------------------------------------------------------------------------
 
     @property
@@ -252,7 +291,7 @@ class Explorer:
         if self._is_peer_ahead(place, unit):
             return
         cell_m, ahead_m = self.params.cell_m, self.params.clearance_m
-        self.memory.block([p + cell_m * u for p, u in zip(place, unit, strict=False)])
+        self.write_off("block", [p + cell_m * u for p, u in zip(place, unit, strict=False)])
         reach = (ahead_m + cell_m) / cell_m
         # In 3-D the few beams leave gaps: there a stall is always worth a patch of wall.
         is_seen = self._d == 2 and kernels.wall_within(
@@ -261,9 +300,21 @@ class Explorer:
         if not is_seen:
             axis = max(range(self._d), key=lambda index: abs(unit[index]))
             ahead_m += 0.5 * cell_m
-            self.memory.wall([p + ahead_m * u for p, u in zip(place, unit, strict=False)], axis)
+            wall = [p + ahead_m * u for p, u in zip(place, unit, strict=False)]
+            self.write_off("wall", wall, axis)
         if self._goal is not None:
-            self.memory.give_up(self._goal, cell_m)
+            self.write_off("give up", self._goal)
+
+    def write_off(self, kind: str, point_m: list[float], axis: int = 0) -> None:
+        """Take a place for one to `block` ways at, for a `wall` across an axis, or `give up`."""
+        self.written_off.append(WrittenOff(kind, point_m, axis))
+        match kind:
+            case "block":
+                self.memory.block(point_m)
+            case "wall":
+                self.memory.wall(point_m, axis)
+            case _:
+                self.memory.give_up(point_m, self.params.cell_m)
 
     def _is_peer_ahead(self, place: list[float], unit: list[float]) -> bool:
         """Tell whether a peer was within 2 m and 60 degrees of a direction in the last second."""

@@ -130,6 +130,33 @@ class Trails:
         """Give what is known of an origin's log."""
         return tuple(self._logs[origin].entries) if origin in self._logs else ()
 
+    def last_m(self, origin: int) -> list[float]:
+        """Give the last point of an origin's trail, in its own frame, m; empty before the first."""
+        log = self._logs.get(origin)
+        return [cm / 100.0 for cm in log.last_cm] if log and log.last_cm else []
+
+    # -- what outlives this process ------------------------------------------------------------
+
+    def beyond(self, known: dict[int, int]) -> list[bytes]:
+        """Give what is known beyond these lengths, packed as for peers, and move them on."""
+        payloads = []
+        for origin, log in self._logs.items():
+            begin = known.get(origin, 0)
+            while begin < len(log.entries):
+                data, count = encode(origin, begin, log.shift_m or (), log.entries)
+                payloads.append(data)
+                begin += count
+            known[origin] = begin
+        return payloads
+
+    def read_back(self, data: bytes) -> list[News]:
+        """Take a payload that `beyond` gave once, of the own log as well."""
+        piece = decode(data, self._dimensions)
+        if piece is None:
+            self.malformed += 1
+            return []
+        return self._merge(piece, tuple(cm / 100.0 for cm in piece.shift_cm))
+
     # -- contacts ------------------------------------------------------------------------------
 
     def meet(self, sysid: int, now: float, shift_m: Shift) -> None:

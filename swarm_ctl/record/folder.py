@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.metadata
 import json
 import platform
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -15,10 +16,13 @@ from typing import Any, Literal, Self
 
 import swarm_ctl
 from swarm_ctl.errors import SwarmError
+from swarm_ctl.record.flight_journal import FlightJournal, Story, read_flight_journal
 from swarm_ctl.record.journal import Journal
 from swarm_ctl.record.paths import PathRecorder, write_paths
-from swarm_ctl.record.tlog import EPOCH_S, TlogWriter
+from swarm_ctl.record.tlog import EPOCH_S, FLUSH_S, TlogWriter
 
+UNFINISHED_S = 600.0
+"""A run that was killed longer ago is over: its vehicles are down."""
 PATHS_S = 10.0
 """Mission time between two writings of `paths.json`."""
 
@@ -45,11 +49,19 @@ class RunHash:
 class RunFolder:
     """Where one run's mission, journal, logs, paths, truth, pictures and summary lie."""
 
-    def __init__(self, path: Path, journal: Journal, *, epoch_s: float) -> None:
+    def __init__(
+        self, path: Path, journal: Journal, *, epoch_s: float, head: Mapping[str, Any] | None = None
+    ) -> None:
+        """Keep journals of controllers, too, if there is a `head` for them."""
         self.path = path
         self.journal = journal
         self.hash = RunHash()
+        self.resumed_s: float | None = None
+        """Mission time at which the run was taken up; None when it was begun."""
         self._epoch_s = epoch_s
+        self._head = head
+        self._stories: dict[int, Story] = {}
+        self._flight_journals: dict[int, FlightJournal] = {}
         self._tlogs: dict[int, TlogWriter] = {}
         self._paths: dict[int, PathRecorder] = {}
         self._paths_due_s = PATHS_S
@@ -64,11 +76,13 @@ class RunFolder:
         seed: int,
         mode: Mode,
         utc: datetime | None = None,
+        is_journaled: bool = False,
     ) -> Self:
         """Make `out`, or `runs/<name>-<utc>/`, and write how to repeat the run at once.
 
         `resolved` is the mission with every value, ready for JSON. A log of real time is stamped
         in UTC; virtual time counts from a fixed date, so that two runs are equal byte for byte.
+        A run that `is_journaled` can be taken up by `reopen`.
         Raises SwarmError when the folder holds something already or cannot be made.
         """
         utc = utc or datetime.now(UTC)
@@ -78,21 +92,92 @@ class RunFolder:
         text = json.dumps({**started, "started_utc": utc.isoformat()}, indent=2)
         (path / "mission.json").write_text(text + "\n", encoding="utf-8")
         (path / "tlogs").mkdir()
+        if is_journaled:
+            (path / "journals").mkdir()
         journal = Journal(
             path / "events.jsonl",
+            event="RunStarted",
             seed=seed,
             mission=name,
             vehicles=resolved.get("vehicles"),
             mode=mode,
             swarm_ctl=swarm_ctl.__version__,
         )
-        return cls(path, journal, epoch_s=EPOCH_S if mode == "virtual" else utc.timestamp())
+        epoch_s = EPOCH_S if mode == "virtual" else utc.timestamp()
+        return cls(path, journal, epoch_s=epoch_s, head=_head(resolved) if is_journaled else None)
+
+    @classmethod
+    def reopen(cls, path: Path, resolved: Mapping[str, Any], *, speed: float = 1.0) -> Self:
+        """Go on with a journaled run that was killed: all that was recorded stays and is added to.
+
+        Mission time has gone on since the last line, `speed` times as fast as the clock. Raises
+        SwarmError when the run is another one, has ended, or is being flown.
+        """
+        path = path.absolute()
+        started = read_started(path)
+        if started["mission"] != json.loads(json.dumps(resolved)):
+            raise SwarmError(f"{path}: is the run of another mission")
+        if (path / "summary.json").exists():
+            raise SwarmError(f"{path}: this run has ended; name a new folder")
+        head = _head(resolved)
+        stories = {
+            sysid: read_flight_journal(file, {**head, "sysid": sysid})
+            for sysid, file in journals_in(path).items()
+        }
+        epoch_s = datetime.fromisoformat(started["started_utc"]).timestamp()
+        now = max((story.now(speed) for story in stories.values()), default=0.0)
+        events = Journal(path / "events.jsonl", event="RunResumed", time_s=round(now, 3))
+        folder = cls(path, events, epoch_s=epoch_s, head=head)
+        folder._stories, folder.resumed_s = stories, now
+        folder._reread_paths()
+        return folder
+
+    @property
+    def started_utc(self) -> datetime:
+        """When mission time was 0."""
+        return datetime.fromtimestamp(self._epoch_s, UTC)
+
+    def now(self, speed: float) -> float:
+        """Tell the mission time of a run that goes on, by the clock; 0 of one that begins."""
+        return max((story.now(speed) for story in self._stories.values()), default=0.0)
+
+    def story(self, sysid: int) -> Story | None:
+        """Give what a vehicle's controllers have written so far; None in a run just begun."""
+        return None if self.resumed_s is None else self._stories.get(sysid, Story())
+
+    def restarts(self, sysid: int) -> int:
+        """Count how often a vehicle's controller was begun anew, this time included."""
+        story = self.story(sysid)
+        return 0 if story is None else story.restarts + 1
+
+    def flight_journal(self, sysid: int) -> FlightJournal | None:
+        """Give a controller's journal, `journals/vehicle-001.jsonl`; None in runs without.
+
+        One that is broken is laid aside, and a new one begun.
+        """
+        if self._head is None:
+            return None
+        if sysid not in self._flight_journals:
+            file = self.path / "journals" / f"vehicle-{sysid:03d}.jsonl"
+            story = self._stories.get(sysid)
+            if story and story.fault and file.exists():
+                file.rename(_unused(file.with_suffix(".broken")))
+            after = story if story and not story.fault else None
+            head = {**self._head, "sysid": sysid}
+            self._flight_journals[sysid] = FlightJournal(file, head, after)
+        return self._flight_journals[sysid]
+
+    def sync(self) -> None:
+        """Wait until the disk has the controllers' journals; meant for another thread."""
+        for journal in self._flight_journals.values():
+            journal.sync()
 
     def tlog(self, sysid: int) -> TlogWriter:
         """Give a vehicle's telemetry log, `tlogs/vehicle-001.tlog`; the same one every time."""
         if sysid not in self._tlogs:
             file = self.path / "tlogs" / f"vehicle-{sysid:03d}.tlog"
-            self._tlogs[sysid] = TlogWriter(file, epoch_s=self._epoch_s)
+            flush_s = 0.0 if self._head is not None else FLUSH_S
+            self._tlogs[sysid] = TlogWriter(file, epoch_s=self._epoch_s, flush_s=flush_s)
         return self._tlogs[sysid]
 
     def waypoints(self, sysid: int) -> PathRecorder:
@@ -112,6 +197,8 @@ class RunFolder:
         finally:  # a full disk takes the paths, not the logs
             for tlog in self._tlogs.values():
                 tlog.close()
+            for journal in self._flight_journals.values():
+                journal.close()
             self.journal.close()
 
     def __enter__(self) -> Self:
@@ -125,8 +212,57 @@ class RunFolder:
     ) -> None:
         self.close()
 
+    def _reread_paths(self) -> None:
+        """Take up the paths: from their file, and what came after it from the journals."""
+        with contextlib.suppress(OSError):
+            written = json.loads((self.path / "paths.json").read_text("utf-8"))["vehicles"]
+            self._paths = {path["sysid"]: PathRecorder.decoded(path) for path in written}
+        for sysid, story in self._stories.items():
+            self.waypoints(sysid).go_on(story.pages)
+
     def _write_paths(self) -> None:
         write_paths(self.path / "paths.json", (self._paths[sysid] for sysid in sorted(self._paths)))
+
+
+def unfinished(
+    runs: Path, resolved: Mapping[str, Any], sysids: Iterable[int], utc: datetime
+) -> Path | None:
+    """Find the newest run of a mission with these vehicles that was killed a short while ago."""
+    wanted = sorted(sysids)
+    for path in sorted(runs.glob(f"{resolved['name']}-*"), key=_last_written, reverse=True):
+        if utc.timestamp() - _last_written(path) > UNFINISHED_S:
+            break
+        with contextlib.suppress(SwarmError):
+            is_it = read_started(path)["mission"] == json.loads(json.dumps(resolved))
+            if is_it and sorted(journals_in(path)) == wanted:
+                return None if (path / "summary.json").exists() else path
+    return None
+
+
+def read_started(path: Path) -> dict[str, Any]:
+    """Read how a run began; SwarmError when the folder holds none."""
+    try:
+        started = json.loads((path / "mission.json").read_text("utf-8"))
+        return {key: started[key] for key in ("mission", "started_utc")}
+    except (OSError, ValueError, KeyError, TypeError):
+        raise SwarmError(f"{path}: holds no run that could be taken up") from None
+
+
+def journals_in(path: Path) -> dict[int, Path]:
+    """Give the journals of a run's controllers by sysid."""
+    files = (path / "journals").glob("vehicle-*.jsonl")
+    return {int(file.stem.removeprefix("vehicle-")): file for file in sorted(files)}
+
+
+def _last_written(path: Path) -> float:
+    return max((file.stat().st_mtime for file in journals_in(path).values()), default=0.0)
+
+
+def _head(resolved: Mapping[str, Any]) -> dict[str, Any]:
+    """Say in a journal's first line whose mission it is of."""
+    text = json.dumps(dict(resolved), sort_keys=True)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return {"mission": resolved["name"], "mission_sha256": digest, "seed": resolved["seed"]}
 
 
 def _make(path: Path) -> Path:

@@ -13,9 +13,13 @@ from swarm_ctl.model import Event
 class Journal:
     """Append events to `events.jsonl`; its first line says how the run can be repeated."""
 
-    def __init__(self, path: Path, *, seed: int, mission: str, **more: Any) -> None:
-        self._file = path.open("w", encoding="utf-8", buffering=1)
-        self._line({"event": "RunStarted", "seed": seed, "mission": mission, **more})
+    def __init__(self, path: Path, **first: Any) -> None:
+        """Begin a journal, or go on with one, with a line that says so."""
+        with path.open("ab+") as file:
+            file.seek(0)
+            file.truncate(file.read().rfind(b"\n") + 1)  # what a kill has torn
+        self._file = path.open("a", encoding="utf-8", buffering=1)
+        self._line(first)
 
     def write(self, event: Event) -> None:
         """Append one event and flush it."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from swarm_ctl.model import Vec3
 
 FRAME = "local NED, origin at its own start"
+WAYPOINT_S = 1.0
+"""Mission time between two waypoints."""
 REACHED_M = 0.5
 """A target counts as visited when the vehicle passes this close."""
 
@@ -38,6 +40,25 @@ class PathRecorder:
         """Targets not yet visited, and beside each where it lies."""
         self._open_m: list[Vec3] = []
 
+    @classmethod
+    def decoded(cls, encoded: Mapping[str, Any]) -> Self:
+        """Go on with a path that `encoded` gave, or `paths.json` holds."""
+        path = cls(encoded["sysid"])
+        path._waypoints = list(encoded["waypoints"])
+        path._json = [""] * len(path._waypoints)
+        for index, waypoint in enumerate(path._waypoints):
+            if waypoint["kind"] == "flown":
+                path._last = index
+            elif waypoint["status"] == "unexplored":
+                path._open.append(index)
+                path._open_m.append(Vec3(*waypoint["position_m"]))
+        return path
+
+    @property
+    def until_s(self) -> float:
+        """Mission time of the last waypoint flown."""
+        return -math.inf if self._last is None else float(self._waypoints[self._last]["time_s"])
+
     def visited(self, time_s: float, position: Vec3, peers: Iterable[int]) -> None:
         """Add where the vehicle is, and the sysids it hears there; once a second is enough."""
         index = self._add(time_s, position, "flown", "visited", peers)
@@ -55,6 +76,19 @@ class PathRecorder:
         """Add a new local best the planner chose."""
         self._open.append(self._add(time_s, position, "target", "unexplored", ()))
         self._open_m.append(position)
+
+    def go_on(self, pages: Iterable[Mapping[str, Any]]) -> None:
+        """Add what the pages of a controller's journal tell of the time after the last waypoint."""
+        since_s = self.until_s
+        state: dict[str, Any] = {}
+        for page in pages:
+            state |= page
+            if page["time_s"] <= since_s or state.get("explored_from_s") is None:
+                continue
+            if page["time_s"] >= self.until_s + WAYPOINT_S - 1e-3:
+                self.visited(page["time_s"], Vec3(*state["position_ned_m"]), state["peers"])
+            if page.get("target_ned_m"):
+                self.target(page["time_s"], Vec3(*page["target_ned_m"]))
 
     def encoded(self) -> dict[str, Any]:
         """Give sysid, frame and the ordered waypoints, ready for JSON."""

@@ -12,13 +12,17 @@ EPOCH_S = 1_704_067_200.0
 
 FLUSH_S = 2.0
 """Mission time after which what is buffered goes to the disk; a killed run loses no more."""
+STAMP_BYTES = 8
 
 
 class TlogWriter:
     """Append frames to one vehicle's `.tlog`; mavutil, MAVExplorer and QGroundControl read it."""
 
-    def __init__(self, path: Path, *, epoch_s: float = EPOCH_S) -> None:
-        self._file = path.open("wb", buffering=1 << 16)
+    def __init__(self, path: Path, *, epoch_s: float = EPOCH_S, flush_s: float = FLUSH_S) -> None:
+        """Begin a log, or go on with one behind its last whole frame."""
+        self._file = path.open("ab", buffering=1 << 16)
+        self._file.truncate(_whole_bytes(path))
+        self._flush_s = flush_s
         self._epoch_us = round(epoch_s * 1e6)
         self._flushed_s = 0.0
 
@@ -26,10 +30,26 @@ class TlogWriter:
         """Log every whole frame of a datagram at a mission time; torn bytes are left out."""
         stamp = struct.pack(">Q", self._epoch_us + round(time_s * 1e6))
         self._file.write(stamp.join((b"", *wire.split(data))))
-        if time_s - self._flushed_s >= FLUSH_S:
+        if time_s - self._flushed_s >= self._flush_s:
             self._flushed_s = time_s
             self._file.flush()
 
     def close(self) -> None:
         """Write what is buffered and close the file."""
         self._file.close()
+
+
+def _whole_bytes(path: Path) -> int:
+    """Tell where the last whole frame of a log ends, which a kill may have torn."""
+    data = path.read_bytes()
+    at, after = 0, 0
+    while after <= len(data):
+        at = after
+        if at + STAMP_BYTES + 3 > len(data):
+            break
+        magic, length, flags = data[at + STAMP_BYTES : at + STAMP_BYTES + 3]
+        if magic not in {0xFD, 0xFE}:
+            return len(data)  # not torn but broken: leave to its readers what can be read
+        is_v2 = magic == 0xFD
+        after = at + STAMP_BYTES + length + (12 + 13 * (flags & 1) if is_v2 else 8)
+    return at

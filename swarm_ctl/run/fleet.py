@@ -56,7 +56,7 @@ class Fleet:
         """Fly each vehicle over its link until all have ended; do what is aside as long."""
         gc.collect()
         gc.freeze()  # a collection of everything would hold up the setpoints
-        self.clock = Clock(self.clock.speed)
+        self.clock = Clock(self.clock.speed, self.folder.now(self.clock.speed))
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(work) for work in (self._report(progress), *aside)]
             await self._fly_all(links)

@@ -1,0 +1,157 @@
+"""One journal per controller: all that its successor needs to go on, on the disk line by line."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import re
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from swarm_ctl.errors import SwarmError
+
+FORMAT = 1
+_LINE = re.compile(rb'(\{.*),"crc":"([0-9a-f]{8})"\}', re.DOTALL)
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+
+
+@dataclass(frozen=True, slots=True)
+class Story:
+    """What a journal tells, as far as it can be believed."""
+
+    head: dict[str, Any] = field(default_factory=dict)
+    """Its first line: format, mission and vehicle."""
+    pages: list[dict[str, Any]] = field(default_factory=list)
+    size: int = 0
+    """Bytes of the lines that were read; what follows was torn by the kill."""
+    crc: int = 0
+    fault: str = ""
+    """Why it cannot be gone on from, in words."""
+
+    @property
+    def restarts(self) -> int:
+        """How often another process has gone on."""
+        return max((page.get("restart", 0) for page in self.pages), default=0)
+
+    def now(self, speed: float) -> float:
+        """Tell the mission time that has come since the last line, by the clock."""
+        if not self.pages:
+            return 0.0
+        last, utc = self.pages[-1], datetime.now(UTC).timestamp()
+        return float(last["time_s"] + max(0.0, utc - last["utc"]) * speed)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether no power failure can have taken its end: the machine was not booted since."""
+        boots = [line["boot"] for line in (self.head, *self.pages) if "boot" in line]
+        return bool(boots) and boots[-1] == boot_id() != ""
+
+
+class FlightJournal:
+    """Append lines to `journals/vehicle-001.jsonl`.
+
+    A line is a JSON object whose last key is the CRC-32 of all that was written before it, so
+    that a line changed, lost or swapped breaks the chain. Every line is handed to the kernel
+    whole: a killed process loses nothing; what a power failure may take is bounded by `sync`.
+    """
+
+    def __init__(self, path: Path, head: Mapping[str, Any], after: Story | None = None) -> None:
+        """Begin a journal, or go on `after` what is written; SwarmError if another process does."""
+        self.path = path
+        self.fault = ""
+        """Why nothing is written any more, in words."""
+        self.is_closed = False
+        self._crc = after.crc if after else 0
+        self._is_synced = True
+        self._first: dict[str, Any] = {}
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(self._file)
+            raise SwarmError(f"{path}: another process is flying this vehicle") from None
+        if after:
+            os.ftruncate(self._file, after.size)
+        if not after or not after.head:
+            self.append({"format": FORMAT, **head, "boot": boot_id()})
+        if after:
+            self._first = {"restart": after.restarts + 1, "boot": boot_id()}
+
+    def append(self, page: Mapping[str, Any]) -> None:
+        """Write a line; the journal ends for good where one cannot be written."""
+        if self.fault:
+            return
+        utc = round(datetime.now(UTC).timestamp(), 3)
+        line, self._crc = _encode({**page, **self._first, "utc": utc}, self._crc)
+        self._first, self._is_synced = {}, False
+        try:
+            if os.write(self._file, line) < len(line):
+                self.fault = "the disk is full"
+        except OSError as error:
+            self.fault = error.strerror or str(error)
+
+    def sync(self) -> None:
+        """Wait until the disk has it; may be called in another thread."""
+        if not self._is_synced:
+            self._is_synced = True
+            os.fsync(self._file)
+
+    def close(self) -> None:
+        """Close the file; more than once does no harm."""
+        if not self.is_closed:
+            self.is_closed = True
+            os.close(self._file)
+
+
+def read_flight_journal(path: Path, expected: Mapping[str, Any]) -> Story:
+    """Read a journal as far as its chain holds; a torn last line is no fault.
+
+    It must be of a mission and vehicle as `expected`.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        return Story(fault=f"its journal cannot be read: {error.strerror or error}")
+    lines = data.split(b"\n")[:-1]
+    entries, size, crc = [], 0, 0
+    for line in lines:
+        entry, crc_next = _decode(line, crc)
+        if entry is None:
+            break
+        entries.append(entry)
+        size, crc = size + len(line) + 1, crc_next
+    head, pages = (entries[0], entries[1:]) if entries else ({}, [])
+    fault = ""
+    if len(entries) < len(lines) - 1:
+        fault = f"its journal is broken in line {len(entries) + 1}"
+    elif head and {"format": FORMAT, **expected}.items() - head.items():
+        fault = "its journal is of another mission, vehicle or version"
+    elif not pages and list(path.parent.glob(f"{path.stem}.broken*")):
+        fault = "its journal was broken"
+    return Story(head, pages, size, crc, fault)
+
+
+def boot_id() -> str:
+    """Name the time since this machine was booted; empty where nobody knows."""
+    try:
+        return _BOOT_ID.read_text("ascii").strip()
+    except OSError:
+        return ""
+
+
+def _encode(entry: Mapping[str, Any], crc: int) -> tuple[bytes, int]:
+    body = json.dumps(entry, default=str, separators=(",", ":")).encode()[:-1]
+    crc = zlib.crc32(body, crc)
+    return body + b',"crc":"%08x"}\n' % crc, crc
+
+
+def _decode(line: bytes, crc: int) -> tuple[dict[str, Any] | None, int]:
+    match = _LINE.fullmatch(line)
+    if match is None or zlib.crc32(match[1], crc) != int(match[2], 16):
+        return None, crc
+    return json.loads(match[1] + b"}"), int(match[2], 16)
