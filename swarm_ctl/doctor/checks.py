@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from swarm_ctl.doctor import looks
-from swarm_ctl.doctor.rows import AMONG_WALLS, OPEN_AIR, WITH_SATELLITES, Check, Severity, When
+from swarm_ctl.doctor.rows import (
+    AMONG_WALLS,
+    OPEN_AIR,
+    WITH_MISSION,
+    WITH_SATELLITES,
+    Check,
+    Severity,
+    When,
+)
 
 ERROR, WARNING = Severity.ERROR, Severity.WARNING
 EXPLORES = When(
@@ -217,6 +225,14 @@ CHECKS = (
         "a place under the sky, or an estimator that needs none",
         "its position rests on them",
         when=(WITH_SATELLITES,),
+    ),
+    Check(
+        "shared frame",
+        ERROR,
+        looks.frame,
+        "a start of its own in the shared frame",
+        "what its peers say of where they are means nothing to it",
+        when=(WITH_MISSION,),
     ),
     Check(
         "battery",

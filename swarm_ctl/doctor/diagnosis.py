@@ -64,13 +64,13 @@ def fixes(findings: Iterable[Finding]) -> dict[str, float]:
 
 def case_of(patient: Patient, examination: Examination) -> Case:
     """Put together what the rows may look at."""
-    question = examination.question
+    question, mission = examination.question, examination.question.mission
     known = patient.parameters.values if patient.parameters else {}
     return Case(
         chart=patient.chart,
         parameters={name: value for name, value in known.items() if math.isfinite(value)},
-        mission=question.mission,
-        is_open_air=question.is_open_air,
+        mission=mission,
+        is_open_air=question.is_open_air or (mission is not None and mission.flight.open_air),
         has_key=question.key is not None,
     )
 

@@ -43,6 +43,7 @@ SIDE_BY_ORIENTATION = {
     orientation: SIDES[index] for orientation, index in RANGE_BY_ORIENTATION.items()
 }
 RANGES = "DISTANCE_SENSOR"
+POSITION = "LOCAL_POSITION_NED"
 OPTIONAL = frozenset({"CURRENT_MODE"})
 """Streams that come as often as there is something new, or not at all in older versions."""
 FIX_3D = 3
@@ -145,8 +146,10 @@ def streams(case: Case) -> Iterator[str]:
     """Find streams that come too rarely."""
     pilot = case.chart.autopilot
     for name, wanted_hz in pilot.streams_hz.items() if pilot else ():
-        if name not in {*OPTIONAL, RANGES}:
-            yield from _slow(name, case.chart.rate_hz(name), wanted_hz, case)
+        rate_hz = case.chart.rate_hz(name)
+        is_elsewhere = name in {*OPTIONAL, RANGES} or (name == POSITION and not rate_hz)
+        if not is_elsewhere:
+            yield from _slow(name, rate_hz, wanted_hz, case)
 
 
 def scan(case: Case) -> Iterator[str]:
@@ -246,8 +249,8 @@ def prearm(case: Case) -> Iterator[str]:
 
 def no_position(case: Case) -> Iterator[str]:
     """Find a vehicle that does not tell where it is."""
-    if case.chart.measured_s and not case.chart.rate_hz("LOCAL_POSITION_NED"):
-        yield "no LOCAL_POSITION_NED"
+    if case.chart.measured_s and not case.chart.rate_hz(POSITION):
+        yield f"no {POSITION}"
 
 
 def estimates(case: Case) -> Iterator[str]:
@@ -274,6 +277,18 @@ def _battery(case: Case) -> float | None:
     return (
         None if status is None or status.battery_remaining < 0 else status.battery_remaining / 100
     )
+
+
+def frame(case: Case) -> Iterator[str]:
+    """Find a vehicle that has no place in the frame that the mission's vehicles share."""
+    shared = case.mission.frame if case.mission else None
+    if shared is None:
+        return
+    fix, sysid = case.chart.gnss_fix or 0, case.chart.sysid
+    if shared.shared == "gnss" and fix < FIX_3D:
+        yield "frame.shared is gnss, and it has no fix in three dimensions"
+    if shared.shared == "surveyed" and sysid not in shared.starts_m:
+        yield f"frame.starts_m lacks vehicle {sysid}"
 
 
 def unknown_battery(case: Case) -> Iterator[str]:

@@ -29,7 +29,7 @@ class Case:
     """Those that the vehicle has, of those that were asked for."""
     mission: Mission | None = None
     is_open_air: bool = False
-    """Whether it may fly without rangefinders."""
+    """Whether it may fly without rangefinders: `--open-air`, or the mission's flight.open_air."""
     has_key: bool = False
     """Whether all that is said is to be signed."""
 
@@ -223,5 +223,5 @@ IN_SWARM = When(
     lambda case: case.mission is None or case.mission.vehicles > 1,
 )
 WITH_SATELLITES = When("it is to use satellites", lambda case: not flies_blind(case))
-OPEN_AIR = When("with `--open-air`", lambda case: case.is_open_air)
-AMONG_WALLS = When("without `--open-air`", lambda case: not case.is_open_air)
+OPEN_AIR = When("in open air", lambda case: case.is_open_air)
+AMONG_WALLS = When("not in open air", lambda case: not case.is_open_air)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -373,7 +374,7 @@ def test_streams_that_are_refused_are_missed(surgery: Surgery) -> None:
     vehicle.faults.strike("nack", command=511, result="denied")
     findings = surgery.examine()
     found = [finding.found for finding in findings if finding.check == "streams"]
-    assert "LOCAL_POSITION_NED 0.0 Hz of 10 Hz" in found
+    assert "ATTITUDE 0.0 Hz of 10 Hz" in found
     assert "SYS_STATUS 0.0 Hz of 1 Hz" in found
     assert "local position" in errors(findings)
 
@@ -412,10 +413,13 @@ def test_missing_rangefinders_are_an_error_among_walls(surgery: Surgery, autopil
     assert found.found == "nothing from front, back, left, right, up, down"
 
 
-def test_missing_rangefinders_are_a_warning_in_the_open(surgery: Surgery) -> None:
-    vehicle = surgery.admit()
+def test_missing_rangefinders_are_a_warning_in_the_open(surgery: Surgery, tmp_path: Path) -> None:
+    vehicle = surgery.admit(parameters=LOW_RETURN["px4"])
     vehicle.faults.strike("rangefinder")
-    assert errors(surgery.examine(is_open_air=True)) == []
+    mission = hall_mission(tmp_path, flight={"height_m": 1.5, "open_air": True})
+    for question in ({"is_open_air": True}, {"mission": mission}):
+        findings = surgery.examine(**question)
+        assert [(f.check, f.severity) for f in findings] == [("rangefinders", Severity.WARNING)]
 
 
 @pytest.mark.parametrize(
@@ -445,6 +449,25 @@ def test_a_vehicle_that_would_not_arm_says_why(surgery: Surgery, autopilot: str)
     findings = named(surgery.examine())
     assert "satellites" in findings
     assert "would not arm" in findings["ready to arm"].found
+
+
+@pytest.mark.parametrize(
+    ("frame", "found"),
+    [
+        ({"shared": "gnss"}, "frame.shared is gnss, and it has no fix in three dimensions"),
+        (
+            {"shared": "surveyed", "starts_m": {1: [0, 0, 0], 2: [5, 0, 0]}},
+            "frame.starts_m lacks vehicle 7",
+        ),
+    ],
+)
+def test_a_vehicle_without_a_place_in_the_shared_frame_is_an_error(
+    surgery: Surgery, tmp_path: Path, frame: dict[str, Any], found: str
+) -> None:
+    vehicle = surgery.admit(sysid=7)
+    vehicle.faults.strike("gnss-loss")
+    finding = named(surgery.examine(mission=hall_mission(tmp_path, frame=frame)))["shared frame"]
+    assert (finding.severity, finding.found) == (Severity.ERROR, found)
 
 
 def test_a_low_battery_is_an_error(surgery: Surgery) -> None:
