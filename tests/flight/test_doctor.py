@@ -108,6 +108,19 @@ def test_an_armed_vehicle_is_not_spoken_to(surgery: Surgery, autopilot: str) -> 
         ("px4", {"GF_MAX_HOR_DIST": 20.0}, "20 m", "55 m"),
         ("px4", {"GF_MAX_VER_DIST": 3.0}, "3 m", "5.5 m"),
         ("px4", {"RTL_RETURN_ALT": 30.0}, "30 m", "1.5 m"),
+        (
+            "px4",
+            {"EKF2_HGT_REF": 1, "EKF2_GPS_CTRL": 0},
+            "1 (GPS)",
+            "0 (barometer), and restart it",
+        ),
+        (
+            "px4",
+            {"EKF2_EV_CTRL": 0, "EKF2_OF_CTRL": 0, "SYS_HAS_GPS": 0},
+            "0",
+            "not 0, or EKF2_OF_CTRL not 0",
+        ),
+        ("px4", {"COM_ARM_WO_GPS": 0, "SYS_HAS_GPS": 0}, "0", "1"),
         ("ardupilot", {"GUID_TIMEOUT": 3.0}, "3 s", "1 s"),
         ("ardupilot", {"GUID_OPTIONS": 33}, "33", "1"),
         ("ardupilot", {"FENCE_RADIUS": 40, "FENCE_ENABLE": 1}, "40 m", "55 m"),
@@ -148,6 +161,10 @@ def test_a_parameter_that_would_bite_is_an_error(
         ("px4", {"CBRK_SUPPLY_CHK": 894281}),
         ("px4", {"MPC_XY_VEL_MAX": 0.5}),
         ("px4", {"COM_DISARM_PRFLT": 2.0}),
+        ("px4", {"COM_FLT_TIME_MAX": 600}),
+        ("px4", {"CP_DIST": 2.0}),
+        ("px4", {"CBRK_FLIGHTTERM": 0}),
+        ("px4", {"CBRK_IO_SAFETY": 0}),
         ("ardupilot", {"FS_GCS_ENABLE": 1}),
         ("ardupilot", {"MAV_GCS_SYSID": 2}),
         ("ardupilot", {"FS_OPTIONS": 16}),
@@ -236,6 +253,13 @@ def test_fixing_sets_what_is_safe_to_set_and_nothing_else(
     )
     if autopilot == "ardupilot":
         assert left["MAV2_OPTIONS"][2:4] == ("4, set just now", "restart the vehicle")
+
+
+def test_what_was_set_is_read_back(surgery: Surgery) -> None:
+    vehicle = surgery.admit("px4", parameters={"COM_OF_LOSS_T": 5.0})
+    surgery.operate(surgery.go_on(surgery.begin()))
+    spoken = [m.name for m in vehicle.received() if "COM_OF_LOSS_T" in str(m.values)]
+    assert spoken == ["PARAM_REQUEST_READ", "PARAM_SET", "PARAM_REQUEST_READ"]
 
 
 def test_a_set_whose_answer_is_lost_is_sent_again(surgery: Surgery) -> None:
