@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swarm_ctl.doctor import looks
+from swarm_ctl.doctor import looks, ranging
 from swarm_ctl.doctor.rows import (
     AMONG_WALLS,
     OPEN_AIR,
@@ -138,7 +138,7 @@ CHECKS = (
     Check(
         "rangefinders",
         ERROR,
-        looks.missing_ranges,
+        ranging.missing,
         "six of them: front, back, left, right, up, down; `--open-air` where nothing is in the way",
         "what is not seen is flown into",
         when=(AMONG_WALLS,),
@@ -146,7 +146,7 @@ CHECKS = (
     Check(
         "rangefinders",
         WARNING,
-        looks.missing_ranges,
+        ranging.missing,
         "six of them, where something may be in the way",
         "what is not seen is flown into",
         when=(OPEN_AIR,),
@@ -154,7 +154,7 @@ CHECKS = (
     Check(
         "rangefinder rate",
         ERROR,
-        looks.slow_ranges,
+        ranging.rare,
         "10 Hz each",
         "readings older than limits.range_stale_s count as none",
         when=(AMONG_WALLS,),
@@ -162,7 +162,7 @@ CHECKS = (
     Check(
         "rangefinder dead",
         ERROR,
-        looks.dead_ranges,
+        ranging.dead,
         "a free view; a sensor that lives",
         "a wall that is always there: it would not move",
         when=(AMONG_WALLS,),
@@ -170,7 +170,7 @@ CHECKS = (
     Check(
         "rangefinder down",
         WARNING,
-        looks.floating,
+        ranging.floating,
         "a sensor that looks at the ground, and lives",
         "a vehicle on the ground stands half a metre above it at most",
         when=(DISARMED,),
@@ -178,7 +178,7 @@ CHECKS = (
     Check(
         "rangefinder range",
         ERROR,
-        looks.blind_ranges,
+        ranging.blind,
         "min_distance below max_distance",
         "each reading counts as nothing in the way",
     ),

@@ -1,12 +1,12 @@
-"""What of a vehicle itself may not be as it should: one function for each row of the checks."""
+"""What of a vehicle itself may not be as it should: a function for each row of the checks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from statistics import median
 
-from swarm_ctl.autopilot.telemetry import RANGE_BY_ORIENTATION, SCAN_HZ
-from swarm_ctl.doctor.chart import Ranges
+from swarm_ctl.autopilot.telemetry import SCAN_HZ
+from swarm_ctl.doctor import ranging
 from swarm_ctl.doctor.rows import Case
 
 SYSIDS = range(1, 251)
@@ -38,23 +38,12 @@ PX4_FAULTS = {1024: "GPS glitch", 2048: "bad accelerometers"}
 """Bits of ESTIMATOR_STATUS_FLAGS; PX4 sets 128, constant position, also where all is well."""
 ARDUPILOT_FAULTS = {128: "no position at all", 1024: "not initialised", 32768: "GPS glitch"}
 """Bits of EKF_STATUS_FLAGS."""
-SIDES = ("front", "back", "left", "right", "up", "down")
-SIDE_BY_ORIENTATION = {
-    orientation: SIDES[index] for orientation, index in RANGE_BY_ORIENTATION.items()
-}
-RANGES = "DISTANCE_SENSOR"
 POSITION = "LOCAL_POSITION_NED"
 OPTIONAL = frozenset({"CURRENT_MODE"})
 """Streams that come as often as there is something new, or not at all in older versions."""
 FIX_3D = 3
 """GPS_FIX_TYPE; more is better."""
-GOOD_SHARE = 0.7
-"""Of the rate that was asked for."""
 CLOCK_TOLERANCE = 0.1
-STANDING_CM = 50
-"""A rangefinder of a vehicle on the ground is no higher."""
-FEW = 10
-"""Readings that say too little of a rangefinder."""
 FRESH_BATTERY = 0.5
 DEFAULT_RESERVE = 0.25
 """Without a mission: what a mission has by default."""
@@ -147,7 +136,7 @@ def streams(case: Case) -> Iterator[str]:
     pilot = case.chart.autopilot
     for name, wanted_hz in pilot.streams_hz.items() if pilot else ():
         rate_hz = case.chart.rate_hz(name)
-        is_elsewhere = name in {*OPTIONAL, RANGES} or (name == POSITION and not rate_hz)
+        is_elsewhere = name in {*OPTIONAL, ranging.RANGES} or (name == POSITION and not rate_hz)
         if not is_elsewhere:
             yield from _slow(name, rate_hz, wanted_hz, case)
 
@@ -159,7 +148,7 @@ def scan(case: Case) -> Iterator[str]:
 
 
 def _slow(name: str, rate_hz: float, wanted_hz: float, case: Case) -> Iterator[str]:
-    if case.chart.measured_s and rate_hz < GOOD_SHARE * wanted_hz:
+    if case.chart.measured_s and rate_hz < ranging.GOOD_SHARE * wanted_hz:
         yield f"{name} {rate_hz:.1f} Hz of {wanted_hz:g} Hz"
 
 
@@ -170,59 +159,6 @@ def signing(case: Case) -> Iterator[str]:
         yield "it signs what it says, and there is no key"
     if chart.refused:
         yield f"{chart.refused} frames are not signed with the key"
-
-
-# its rangefinders
-
-
-def missing_ranges(case: Case) -> Iterator[str]:
-    """Find sides that nothing looks at."""
-    missing = [side for turn, side in SIDE_BY_ORIENTATION.items() if not _reports(case, turn)]
-    if missing and case.chart.measured_s:
-        yield f"nothing from {', '.join(missing)}"
-
-
-def _reports(case: Case, orientation: int) -> bool:
-    ranges = case.chart.ranges.get(orientation)
-    return ranges is not None and ranges.invalid < ranges.count
-
-
-def slow_ranges(case: Case) -> Iterator[str]:
-    """Find rangefinders that speak too rarely."""
-    pilot = case.chart.autopilot
-    wanted_hz = pilot.streams_hz[RANGES] if pilot else 0.0
-    for side, ranges in _sides(case):
-        rate_hz = ranges.count / max(case.chart.measured_s, 0.1)
-        yield from _slow(side, rate_hz, wanted_hz, case)
-
-
-def dead_ranges(case: Case) -> Iterator[str]:
-    """Find rangefinders that read nothing but less than they can measure."""
-    for side, ranges in _sides(case):
-        farthest = max(ranges.readings_cm, default=0)
-        if side != "down" and ranges.count >= FEW and farthest < ranges.nearest_cm:
-            yield f"{side} reads {farthest * 0.01:g} m, below its {ranges.nearest_m:g} m at least"
-
-
-def floating(case: Case) -> Iterator[str]:
-    """Find a down rangefinder that sees no ground under a vehicle that stands on it."""
-    for side, ranges in _sides(case):
-        nearest = min(ranges.readings_cm, default=0)
-        if side == "down" and ranges.count >= FEW and nearest > STANDING_CM:
-            yield f"down reads {nearest * 0.01:g} m at least"
-
-
-def blind_ranges(case: Case) -> Iterator[str]:
-    """Find rangefinders whose range is empty."""
-    for side, ranges in _sides(case):
-        if ranges.farthest_cm <= ranges.nearest_cm:
-            yield f"{side} says it reaches {ranges.farthest_m:g} m"
-
-
-def _sides(case: Case) -> Iterator[tuple[str, Ranges]]:
-    for orientation, ranges in case.chart.ranges.items():
-        if orientation in SIDE_BY_ORIENTATION:
-            yield SIDE_BY_ORIENTATION[orientation], ranges
 
 
 # its readiness

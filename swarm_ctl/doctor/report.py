@@ -13,8 +13,9 @@ from rich.text import Text
 
 from swarm_ctl.doctor.diagnosis import Finding
 from swarm_ctl.doctor.examination import Examination
-from swarm_ctl.doctor.looks import MULTIROTORS, SIDE_BY_ORIENTATION
+from swarm_ctl.doctor.looks import MULTIROTORS
 from swarm_ctl.doctor.patient import Patient
+from swarm_ctl.doctor.ranging import SIDE_BY_ORIENTATION
 from swarm_ctl.doctor.rows import Severity
 
 RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
@@ -84,6 +85,10 @@ def facts(patient: Patient) -> dict[str, Any]:
         "messages": chart.frames,
         "messages_lost": chart.lost,
         "link_bytes_per_s": round(chart.bytes_s),
+        "streams_hz": {
+            name: round(chart.rate_hz(name), 1)
+            for name in (chart.autopilot.streams_hz if chart.autopilot else ())
+        },
         "rangefinders": {
             side: {"hz": ranges.count / chart.measured_s, "max_m": ranges.farthest_m}
             for orientation, side in SIDE_BY_ORIENTATION.items()
