@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
+from swarm_ctl.cli_options import Connect, PipeConsole, SigningKey, read_key
 from swarm_ctl.doctor.diagnosis import diagnose
 from swarm_ctl.doctor.examination import Question
 from swarm_ctl.doctor.report import as_json, silences, tables, verdict
@@ -18,24 +18,20 @@ from swarm_ctl.doctor.rows import Severity
 from swarm_ctl.doctor.shell import run
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mission import load_mission
-from swarm_ctl.signing import KEY_VARIABLE, find_key, timestamp_of
+from swarm_ctl.run.places import pair_up
+from swarm_ctl.signing import timestamp_of
 
 WOULD_BITE, NOBODY_HEARD = 1, 2
 
 
 def doctor(
-    connect: Annotated[
-        list[str],
-        typer.Option(
-            help="Where the vehicle is: udpin://0.0.0.0:14540, udpout://HOST:PORT, "
-            "tcpout://HOST:PORT or serial:///DEVICE:BAUD; may be given again.",
-            metavar="URL",
-            show_default=False,
-        ),
-    ],
+    connect: Connect,
     sysid: Annotated[
         list[int] | None,
-        typer.Option(help="Whom to examine; default: everybody heard. May be given again."),
+        typer.Option(
+            help="Whom to examine, as for `fly`; again for more. Default: everybody heard.",
+            metavar="N",
+        ),
     ] = None,
     mission: Annotated[
         Path | None, typer.Option(help="Hold the vehicles against this mission's limits.")
@@ -56,31 +52,20 @@ def doctor(
         float,
         typer.Option(help="How long to wait for who is silent, seconds.", min=1.0, max=600.0),
     ] = 10.0,
-    signing_key: Annotated[
-        Path | None,
-        typer.Option(
-            help="Sign all with the key in this file: a passphrase or 64 hexadecimal digits; "
-            f"default: the key in {KEY_VARIABLE}, if any.",
-            metavar="FILE",
-        ),
-    ] = None,
+    signing_key: SigningKey = None,
 ) -> None:
     """Examine vehicles on the ground: what would bite in the air, and what to do about it.
 
     Exit status: 0 fit to fly, 1 something would bite, 2 bad input or nobody heard. Nothing is
     changed without --fix, and nothing at all on an armed vehicle.
     """
-    chosen = load_mission(mission) if mission else None
-    try:
-        key = find_key(signing_key, os.environ)
-    except ValueError as error:
-        raise SwarmError(str(error)) from None
+    chosen = load_mission(mission, is_simulated=False) if mission else None
     question = Question(
         urls=list(dict.fromkeys(connect)),
-        sysids=frozenset(sysid or ()),
+        wanted=frozenset(pair_up(connect, sysid)) if sysid else frozenset(),
         mission=chosen,
         is_open_air=open_air,
-        key=key,
+        key=read_key(signing_key),
         timestamp=timestamp_of(datetime.now(UTC)),
         patience_s=timeout * speed,
     )
@@ -96,7 +81,7 @@ def doctor(
     if json:
         typer.echo(as_json(examination, diagnosis, is_fit=bool(diagnosis) and not bites))
     elif diagnosis:
-        Console(highlight=False).print(tables(examination, diagnosis, is_fixing=fix))
+        PipeConsole(highlight=False).print(tables(examination, diagnosis, is_fixing=fix))
     else:
         raise SwarmError(". ".join(silences(examination)) or verdict(examination, diagnosis))
     raise typer.Exit(NOBODY_HEARD if not diagnosis else WOULD_BITE if bites else 0)

@@ -13,6 +13,7 @@ import typer
 
 from swarm_ctl.cli_options import (
     EXIT_CODES,
+    Connect,
     Duration,
     MissionFile,
     Out,
@@ -33,15 +34,6 @@ from swarm_ctl.record.summary import report_lines
 from swarm_ctl.run.places import only_autopilot, pair_up
 from swarm_ctl.run.real import RealRun
 
-Connect = Annotated[
-    list[str],
-    typer.Option(
-        help="Where an autopilot is: udpin://0.0.0.0:14540, udpout://HOST:PORT, "
-        "tcpout://HOST:PORT or serial:///dev/ttyACM0:57600; again for more vehicles.",
-        metavar="URL",
-        show_default=False,
-    ),
-]
 Sysids = Annotated[
     list[int] | None,
     typer.Option(

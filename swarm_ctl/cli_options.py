@@ -41,6 +41,15 @@ Seed = Annotated[
 Duration = Annotated[float | None, typer.Option(help="Exploration time of each vehicle, seconds.")]
 
 
+Connect = Annotated[
+    list[str],
+    typer.Option(
+        help="Where an autopilot is: udpin://0.0.0.0:14540, udpout://HOST:PORT, "
+        "tcpout://HOST:PORT or serial:///dev/ttyACM0:57600; again for more vehicles.",
+        metavar="URL",
+        show_default=False,
+    ),
+]
 Out = Annotated[Path | None, typer.Option(help="Run folder; default runs/<mission>-<utc>.")]
 SigningKey = Annotated[
     Path | None,

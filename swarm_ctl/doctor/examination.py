@@ -16,8 +16,8 @@ from swarm_ctl.signing import Gatekeeper
 Source = tuple[str, int]
 GROUND_STATION = 6
 """MAV_TYPE."""
-STRANGER = 254
-"""sysid of who calls out before it knows whom it calls; no ground station's."""
+STRANGER = 245
+"""sysid of who calls out before he knows whom; 255 would be a ground station's."""
 MOST_LINES = 1024
 """Senders listened to; more of them is an attack, not a swarm."""
 _HEARTBEAT = wire.message("HEARTBEAT")
@@ -28,8 +28,8 @@ class Question:
     """What is to be found out."""
 
     urls: Sequence[str]
-    sysids: frozenset[int] = frozenset()
-    """Whom to examine; all who are heard when it is empty."""
+    wanted: frozenset[tuple[str, int]] = frozenset()
+    """Whom to examine, by link and sysid; all who are heard when it is empty."""
     mission: Mission | None = None
     is_open_air: bool = False
     key: bytes | None = None
@@ -98,14 +98,14 @@ class Line:
 
     def _greet(self, frame: wire.Frame, now: float) -> None:
         """Sort out who says that it is there."""
-        sysid, values, wanted = frame.sysid, frame.values, self._question.sysids
+        sysid, values, wanted = frame.sysid, frame.values, self._question.wanted
         if values.type == GROUND_STATION:
             self._ground_stations.add(sysid)
         elif frame.compid == COMPANION_COMPONENT:
             self._rivals[sysid] += 1
         elif frame.compid == AUTOPILOT_COMPONENT and values.autopilot != NO_AUTOPILOT:
-            is_new = sysid not in self.patients and (not wanted or sysid in wanted)
-            if is_new:
+            is_wanted = not wanted or (self.url, sysid) in wanted
+            if is_wanted and sysid not in self.patients:
                 self.patients[sysid] = Patient(sysid, self.place, self.gate, now)
 
 
@@ -135,10 +135,11 @@ class Examination:
         return [url for url in self.question.urls if url not in heard]
 
     @property
-    def silent_sysids(self) -> list[int]:
-        """Those who are asked for and were not heard."""
-        heard = {patient.chart.sysid for patient in self.patients}
-        return sorted(self.question.sysids - heard)
+    def silent_vehicles(self) -> list[tuple[str, int]]:
+        """Those who are asked for and were not heard on their link, where others were."""
+        heard = {(url, sysid) for (url, _), line in self.lines.items() for sysid in line.patients}
+        silent = self.silent_urls
+        return sorted(one for one in self.question.wanted - heard if one[0] not in silent)
 
     def progress(self, now: float) -> float:
         """Say how much is done, 0 to 1."""
@@ -148,7 +149,7 @@ class Examination:
     def is_over(self, now: float) -> bool:
         """Whether everybody is examined, or silent for too long."""
         is_patient = now - self._began_s < self.question.patience_s
-        if is_patient and (self.silent_urls or self.silent_sysids):
+        if is_patient and (self.silent_urls or self.silent_vehicles):
             return False
         return all(patient.is_examined(now) for patient in self.patients)
 
@@ -175,6 +176,5 @@ class Examination:
     def _call(self) -> bytes:
         """Say that somebody is there: who listens on UDP speaks to nobody else."""
         self._calls += 1
-        sysid = min(self.question.sysids, default=STRANGER)
-        frame = _HEARTBEAT.pack(self._calls & 0xFF, sysid, COMPANION_COMPONENT, *BEAT)
+        frame = _HEARTBEAT.pack(self._calls & 0xFF, STRANGER, COMPANION_COMPONENT, *BEAT)
         return self._gate.seal(frame)

@@ -162,7 +162,7 @@ class Patient:
 
     def _give_up(self) -> None:
         """Only listen to one who does not answer."""
-        self._commands.clear()
+        self._commands = CommandQueue()
         if self.parameters is not None:
             self.parameters.give_up()
 

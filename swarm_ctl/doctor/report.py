@@ -101,7 +101,8 @@ def facts(patient: Patient) -> dict[str, Any]:
 def silences(examination: Examination) -> list[str]:
     """Say who was not heard."""
     links = [f"{url}: no autopilot is heard" for url in examination.silent_urls]
-    return links + [f"vehicle {sysid} is not heard" for sysid in examination.silent_sysids]
+    vehicles = examination.silent_vehicles
+    return links + [f"{url}: vehicle {sysid} is not heard" for url, sysid in vehicles]
 
 
 def verdict(examination: Examination, diagnosis: Diagnosis) -> str:

@@ -327,7 +327,7 @@ def test_a_swarm_on_one_port_is_examined_one_by_one(surgery: Surgery) -> None:
 
 def test_only_who_is_asked_for_is_examined(surgery: Surgery) -> None:
     one, two = surgery.admit(sysid=1), surgery.admit(sysid=2)
-    examination = surgery.go_on(surgery.begin(sysids=frozenset({2})))
+    examination = surgery.go_on(surgery.begin(wanted=frozenset({(URL, 2)})))
     assert [patient.chart.sysid for patient in examination.patients] == [2]
     assert (one.received(), two.received() == []) == ([], False)
 
@@ -339,13 +339,13 @@ def test_a_sysid_that_no_peer_can_use_is_an_error(surgery: Surgery) -> None:
 
 def test_who_is_not_heard_is_named(surgery: Surgery) -> None:
     surgery.admit()
-    examination = surgery.begin(
-        urls=[URL, "udpin://0.0.0.0:9"], sysids=frozenset({1, 7}), patience_s=6.0
-    )
+    other = "udpin://0.0.0.0:9"
+    wanted = frozenset({(URL, 1), (URL, 7), (other, 8)})
+    examination = surgery.begin(urls=[URL, other], wanted=wanted, patience_s=6.0)
     surgery.go_on(examination)
     assert report.silences(examination) == [
-        "udpin://0.0.0.0:9: no autopilot is heard",
-        "vehicle 7 is not heard",
+        f"{other}: no autopilot is heard",
+        f"{URL}: vehicle 7 is not heard",
     ]
 
 

@@ -85,6 +85,10 @@ def test_the_version_is_that_of_the_package(shell: Shell) -> None:
         ),
         (("check",), SHARED),
         (("schema",), "--help"),
+        (
+            ("doctor",),
+            "--connect --sysid --mission --open-air --fix --strict --json --speed --timeout --help",
+        ),
     ],
 )
 def test_help_tells_every_option(shell: Shell, command: tuple[str, ...], options: str) -> None:

@@ -104,6 +104,8 @@ def test_all_who_call_one_port_are_examined(mock_swarm: RealSwarm, doctor: Docto
     assert code == 0
     assert "vehicle 1: " in said
     assert said.endswith("Fit to fly: 2 vehicles, no warnings.\n")
+    code, said, _ = doctor("--connect", url, "--sysid", 2)
+    assert (code, "vehicle 1: " in said, "vehicle 2: " in said) == (0, False, True)
 
 
 def test_a_link_on_which_nobody_is_heard_fails(
@@ -123,6 +125,7 @@ def test_a_link_on_which_nobody_is_heard_fails(
         (("--connect", "udpin://127.0.0.1:0", "--mission", "none.yaml"), "none.yaml: there is no"),
         (("--connect", "udpin://127.0.0.1:0", "--signing-key", "none"), "signing key none: "),
         ((), "Missing option '--connect'"),
+        (("--connect", "udpin://127.0.0.1:0", "--sysid", "300"), "--sysid 300: a vehicle's sysid"),
     ],
 )
 def test_what_cannot_be_examined_is_exit_2(
