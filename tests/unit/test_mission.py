@@ -292,6 +292,21 @@ def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
     assert str(refusal(path)) == f"{path}: world: is missing"
 
 
+@pytest.mark.parametrize("world", ["", "world: nowhere.yaml\n"])
+def test_real_vehicles_need_no_world(tmp_path: Path, world: str) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(f"{world}duration_s: 60\n")
+    assert load_mission(path, is_simulated=False).duration_s == 60.0
+    assert refusal(path).key == "world"
+
+
+def test_open_air_may_be_said_on_the_command_line_and_keeps_the_rest(write: Write) -> None:
+    path = write("flight:\n  height_m: 2.5\n")
+    assert not load_mission(path).flight.open_air
+    flight = load_mission(path, open_air=True).flight
+    assert (flight.open_air, flight.height_m) == (True, 2.5)
+
+
 def test_yaml_that_breaks_off_is_named_by_line(write: Write) -> None:
     path = write("planner:\n  inertia: 0.6\n social: 2\n")
     assert refusal(path).reason.startswith("line 5: ")
