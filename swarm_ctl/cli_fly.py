@@ -50,28 +50,37 @@ def fly(
     connect: Connect,
     sysid: Sysids = None,
     planner: PlannerKind = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of every random draw.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of every random draw.", metavar="N")
+    ] = None,
     duration: Duration = None,
     open_air: Annotated[
         bool,
         typer.Option(
-            "--open-air", help="Fly without rangefinders: there is nothing to fly into but peers."
+            "--open-air", help="Fly without rangefinders: nothing is in the way but peers."
         ),
     ] = False,
     speed: Annotated[
         float,
-        typer.Option(help="Times real time, for a simulator that runs faster.", min=0.1, max=100.0),
+        typer.Option(
+            help="Times real time, of a simulator that runs faster.",
+            metavar="K",
+            min=0.1,
+            max=100.0,
+        ),
     ] = 1.0,
     out: Out = None,
     signing_key: SigningKey = None,
 ) -> None:
     """Fly a mission with real autopilots, PX4 or ArduPilot, and write its record.
 
-    As many vehicles fly as are connected, whatever the mission says; its world is not used. A
-    vehicle that is armed already is left alone. Try the mission on mock vehicles first.
+    As many vehicles fly as are connected, whatever the mission says; its
+    world is not used. One that is armed already is left alone. Let
+    `swarm-ctl doctor` look at the vehicles first.
 
-    Exit status: 0 flown, 1 not flown, 2 bad input, 130 interrupted (Ctrl-C or SIGTERM lands
-    everybody; a second one ends at once, and the autopilots' own failsafes take over).
+    Exit status: 0 flown, 1 not flown, 2 bad input, 130 interrupted. Ctrl-C
+    or SIGTERM lands everybody; a second one ends at once, and the
+    autopilots' own failsafes take over.
     """
     chosen = load_mission(
         mission,
