@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from halls import write_hall
+from session import Session
 
 SHORT: dict[str, Any] = {"duration_s": 5.0, "flight": {"height_m": 1.5, "climb_m_s": 1.0}}
 
@@ -30,6 +31,20 @@ def processes(tmp_path: Path) -> Callable[[str], list[int]]:
         return [pid for pid, words in _alive(tmp_path) if module in words]
 
     return find
+
+
+@pytest.fixture
+def swarm_ctl_run() -> Iterator[Callable[..., Session]]:
+    sessions: list[Session] = []
+
+    def begin(mission: Path, *options: object) -> Session:
+        sessions.append(Session(mission, *options))
+        return sessions[-1]
+
+    yield begin
+    for session in sessions:
+        session.process.kill()
+        session.process.communicate()
 
 
 @pytest.fixture(autouse=True)

@@ -7,8 +7,6 @@ import contextlib
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink import mavutil  # noqa: TID251 - the reader of logs that everybody has
+from session import PATIENCE_S, Session
 
 import swarm_ctl.run.mock
 from swarm_ctl.flight import Faults, finish
@@ -28,7 +27,6 @@ from swarm_ctl.run.mock import UdpRun
 
 pytestmark = pytest.mark.wire
 
-PATIENCE_S = 30.0
 SUMMARY_KEYS = {
     *("mission", "world", "seed", "planner", "autopilot", "vehicles", "mode", "duration_s"),
     *("wall_s", "coverage_fraction", "victims_found", "victims_total", "collisions"),
@@ -38,82 +36,9 @@ SUMMARY_KEYS = {
 PICTURES = {"coverage.png", "coverage_map.png", "paths.png"}
 
 
-class Session:
-    """A user at a shell who has typed `swarm-ctl run`."""
-
-    def __init__(self, mission: Path, *options: object) -> None:
-        self.out = mission.parent / "run"
-        words = [sys.executable, "-m", "swarm_ctl", "run", mission, "--out", self.out, *options]
-        self.process = subprocess.Popen(
-            [str(word) for word in words],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-
-    def events(self) -> list[dict[str, Any]]:
-        with contextlib.suppress(FileNotFoundError):
-            whole = (self.out / "events.jsonl").read_text().split("\n")[:-1]
-            return [json.loads(line) for line in whole]
-        return []
-
-    def wait_for(self, phase: str, sysid: int = 1) -> None:
-        """Watch the journal until a vehicle is in a phase."""
-
-        def is_there() -> bool:
-            return any(
-                event.get("sysid") == sysid and event["data"].get("after") == phase
-                for event in self.events()
-            )
-
-        self.wait_until(is_there)
-
-    def wait_until(self, is_so: Callable[[], bool]) -> None:
-        deadline_s = time.monotonic() + PATIENCE_S
-        while not is_so():
-            assert time.monotonic() < deadline_s, self.events()
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self.process.wait(0.02)
-                pytest.fail(f"the run ended: {self.process.communicate()}")
-
-    def ctrl_c(self) -> None:
-        """Do as a terminal does: all processes in the foreground are told."""
-        os.killpg(self.process.pid, signal.SIGINT)
-
-    def signal(self, number: int) -> None:
-        self.process.send_signal(number)
-
-    def end(self) -> tuple[int, str, str]:
-        out, complaints = self.process.communicate(timeout=PATIENCE_S)
-        assert "Traceback" not in complaints
-        return self.process.returncode, out, complaints
-
-    def summary(self) -> dict[str, Any]:
-        return dict(json.loads((self.out / "summary.json").read_text()))
-
-    def phases(self) -> list[str]:
-        return [vehicle["phase"] for vehicle in self.summary()["per_vehicle"]]
-
-
 Type = Callable[..., Session]
 Hall = Callable[..., Path]
 Processes = Callable[[str], list[int]]
-
-
-@pytest.fixture
-def swarm_ctl_run() -> Iterator[Type]:
-    sessions: list[Session] = []
-
-    def begin(mission: Path, *options: object) -> Session:
-        sessions.append(Session(mission, *options))
-        return sessions[-1]
-
-    yield begin
-    for session in sessions:
-        session.process.kill()
-        session.process.communicate()
 
 
 # -- a run that goes well ------------------------------------------------------------------------
