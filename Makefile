@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
-.PHONY: help run test check lint format venv clients bench fuzz clean
+.PHONY: help run test check lint format venv clients mosquitto bench fuzz clean
 .DEFAULT_GOAL := help
 
 help:  ## list what can be made
@@ -12,7 +12,7 @@ help:  ## list what can be made
 run: venv  ## fly the demo mission: ten UAVs search an office floor
 	$(BIN)/swarm-ctl run missions/usar_office.yaml --speed 4
 
-test: clients  ## run every test
+test: clients mosquitto  ## run every test
 	$(BIN)/pytest -n auto
 
 check: lint test  ## what CI runs
@@ -49,6 +49,11 @@ $(VENV)/.clients: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint constraints.txt --editable '.[clients]'
 	touch $@
+
+mosquitto:  ## install the MQTT broker that tests start, if it is missing and we are root
+	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || { test "$$(id -u)" = 0 \
+	  && { apt-get install -y -q mosquitto || { apt-get update -q && apt-get install -y -q mosquitto; }; } \
+	} || echo "mosquitto is missing and cannot be installed: tests of the bus are skipped"
 
 clean:  ## remove the virtual environment, runs and caches
 	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 
 import swarm_ctl
+from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.cli_doctor import doctor
 from swarm_ctl.cli_experiment import experiment, tune
 from swarm_ctl.cli_fly import fly
@@ -24,6 +25,7 @@ from swarm_ctl.cli_options import (
     Duration,
     Interrupts,
     MissionFile,
+    Mqtt,
     Out,
     PipeConsole,
     PlannerKind,
@@ -32,8 +34,10 @@ from swarm_ctl.cli_options import (
     Vehicles,
     World,
     interrupts,
+    read_broker,
     read_key,
 )
+from swarm_ctl.cli_order import order
 from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.flight import Faults, discard, finish
 from swarm_ctl.mission import Mission, load_mission, mission_schema
@@ -105,6 +109,7 @@ def run(
         ),
     ] = None,
     signing_key: SigningKey = None,
+    mqtt: Mqtt = None,
 ) -> None:
     """Fly a mission against mock vehicles and write its record.
 
@@ -122,6 +127,9 @@ def run(
     )
     faults = Faults.parse(fault or [], chosen.vehicles)
     key = read_key(signing_key)
+    broker = read_broker(mqtt)
+    if virtual and broker:
+        raise SwarmError("--mqtt: there is no time for orders in --virtual; leave one of them out")
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
     is_ours = out is None or not out.exists()
     folder = RunFolder.create(out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode)
@@ -132,7 +140,7 @@ def run(
             if virtual:
                 facts = _fly_virtual(chosen, folder, faults, console, stop)
             else:
-                facts = _fly_udp(chosen, folder, faults, console, speed, key)
+                facts = _fly_udp(chosen, folder, faults, console, speed, key, broker)
         except (SwarmError, KeyboardInterrupt):  # the mock would not, or may not, start
             discard(folder, is_ours=is_ours)
             raise
@@ -179,6 +187,7 @@ app.command()(fly)
 app.command()(doctor)
 app.command()(experiment)
 app.command()(tune)
+app.command()(order)
 
 
 @app.command()
@@ -194,8 +203,10 @@ def _fly_udp(
     console: Console,
     speed: float,
     key: bytes | None,
+    broker: Broker | None,
 ) -> dict[str, Any]:
     flight = UdpRun(mission, folder, speed=speed, faults=faults, key=key)
+    flight.broker = broker
     with ProgressView(mission, console) as view:
 
         def show(flight: UdpRun) -> None:

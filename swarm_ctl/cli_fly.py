@@ -11,16 +11,19 @@ from typing import Annotated
 
 import typer
 
+from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.cli_options import (
     EXIT_CODES,
     Connect,
     Duration,
     MissionFile,
+    Mqtt,
     Out,
     PipeConsole,
     PlannerKind,
     SigningKey,
     interrupts,
+    read_broker,
     read_key,
 )
 from swarm_ctl.errors import SwarmError
@@ -71,6 +74,7 @@ def fly(
     ] = 1.0,
     out: Out = None,
     signing_key: SigningKey = None,
+    mqtt: Mqtt = None,
 ) -> None:
     """Fly a mission with real autopilots, PX4 or ArduPilot, and write its record.
 
@@ -90,12 +94,13 @@ def fly(
         open_air=open_air or None,
         is_simulated=False,
     )
-    key = read_key(signing_key)
+    key, broker = read_key(signing_key), read_broker(mqtt)
     if not sysid and len(connect) > 1:
         raise SwarmError("several --connect want --sysid: the first vehicle's, or each one's")
     pair_up(connect, sysid or [1])  # a mistake is told before a port is opened
     console = PipeConsole(highlight=False)
-    outcome = asyncio.run(_fly(chosen, connect, sysid, console, speed=speed, out=out, key=key))
+    flight = _fly(chosen, connect, sysid, console, speed=speed, out=out, key=key, broker=broker)
+    outcome = asyncio.run(flight)
     raise typer.Exit(EXIT_CODES[outcome])
 
 
@@ -108,6 +113,7 @@ async def _fly(
     speed: float,
     out: Path | None,
     key: bytes | None,
+    broker: Broker | None,
 ) -> str:
     """Fly from the first heartbeat to the last line of the record; give the outcome."""
     with contextlib.ExitStack() as opened:
@@ -122,6 +128,7 @@ async def _fly(
         mission = mission.model_copy(update={"vehicles": len(links)})
         folder = RunFolder.create(out, mission.name, mission.dump(), seed=mission.seed, mode="fly")
         flight = RealRun(mission, folder, links, speed=speed, key=key)
+        flight.broker = broker
         with interrupts():
             return await _record(flight, mission, console)
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from swarm_ctl.bus.mqtt import PASSWORD_VARIABLE, Broker
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Operator
 from swarm_ctl.run.fleet import STOP_SIGNALS, TWICE
@@ -60,6 +61,15 @@ SigningKey = Annotated[
     ),
 ]
 
+MQTT = typer.Option(
+    "--mqtt",
+    help="Broker for orders: mqtt://[USER@]HOST[:PORT], or mqtts:// for TLS; its password is "
+    f"in {PASSWORD_VARIABLE}.",
+    metavar="URL",
+    show_default=False,
+)
+Mqtt = Annotated[str | None, MQTT]
+
 
 class PipeConsole(Console):
     """Prints on while somebody reads; the work does not depend on it."""
@@ -76,6 +86,11 @@ def read_key(file: Path | None) -> bytes | None:
         return find_key(file, os.environ)
     except ValueError as error:
         raise SwarmError(str(error)) from None
+
+
+def read_broker(url: str | None) -> Broker | None:
+    """Read where the broker is, if there is one; what is wrong with it is one sentence."""
+    return None if url is None else Broker.parse(url, os.environ)
 
 
 class Interrupts:

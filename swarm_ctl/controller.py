@@ -76,10 +76,12 @@ class Controller:
             self._target = agent.target_ned_m
             self._waypoints.target(now, self._target)
 
-    def order(self, operator: Operator, now: float) -> None:
-        """Pass on an operator's order."""
-        self.agent.order(operator, now)
-        self.record(now)
+    def order(self, operator: Operator, now: float) -> bool:
+        """Pass on an operator's order; False for one that makes no sense now."""
+        is_obeyed = self.agent.order(operator, now)
+        with contextlib.suppress(OSError):  # it is done, also when it cannot be written down
+            self.record(now)
+        return is_obeyed
 
     def kill(self, reason: str, now: float) -> None:
         """End this controller; its vehicle is left to its autopilot's own failsafe."""

@@ -9,6 +9,8 @@ import signal
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from typing import Any
 
+from swarm_ctl.bus.mqtt import Broker
+from swarm_ctl.bus.orders import OrderDesk, Outcome
 from swarm_ctl.controller import Clock, Controller, fly
 from swarm_ctl.link import Link
 from swarm_ctl.model import Operator
@@ -30,6 +32,8 @@ class Fleet:
         self.clock = Clock(speed)
         self.notes: list[str] = []
         self.interrupted = False
+        self.broker: Broker | None = None
+        """Where orders over MQTT come from, if they do."""
 
     @property
     def now(self) -> float:
@@ -58,7 +62,9 @@ class Fleet:
         gc.freeze()  # a collection of everything would hold up the setpoints
         self.clock = Clock(self.clock.speed, self.folder.now(self.clock.speed))
         async with asyncio.TaskGroup() as group:
-            tasks = [group.create_task(work) for work in (self._report(progress), *aside)]
+            tasks = [
+                group.create_task(work) for work in (self._report(progress), *aside, *self._bus())
+            ]
             await self._fly_all(links)
             for task in tasks:
                 task.cancel()
@@ -90,6 +96,17 @@ class Fleet:
             await fly(controller, link, self.clock, offset_s=offset_s)
         except Exception as error:  # noqa: BLE001 - one vehicle never stops another
             controller.break_down(error, self.now)
+
+    def _bus(self) -> Iterator[Coroutine[Any, Any, None]]:
+        if self.broker is not None:
+            agents = [controller.agent for controller in self.controllers]
+            mission, sysids = agents[0].orders.mission, [agent.sysid for agent in agents]
+            yield OrderDesk(self.broker, mission, sysids, self._obey).run()
+
+    def _obey(self, sysid: int, operator: Operator | None) -> Outcome:
+        (controller,) = (c for c in self.controllers if c.agent.sysid == sysid)
+        accepted = operator is not None and controller.order(operator, self.now)
+        return Outcome(accepted, controller.agent.phase.value, round(self.now, 3))
 
     async def _report(self, progress: Callable[[], None]) -> None:
         while True:

@@ -1,0 +1,1 @@
+"""What a swarm tells and is told over MQTT; nothing that flies waits for it."""

@@ -1,0 +1,118 @@
+"""An MQTT broker that may be absent, die, come back or be slow: nothing that flies waits for it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+import ssl
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Self
+from urllib.parse import unquote, urlsplit
+
+import aiomqtt
+
+from swarm_ctl.errors import SwarmError
+
+LOG = logging.getLogger(__name__)
+_CLIENT_LOG = logging.getLogger(f"{__name__}.client")
+_CLIENT_LOG.setLevel(logging.CRITICAL)  # it tells in many lines what we tell in one
+
+PASSWORD_VARIABLE = "SWARM_MQTT_PASSWORD"  # noqa: S105 - the variable's name
+"""Environment variable with the password, which a command line shows to everybody."""
+PORTS = {"mqtt": 1883, "mqtts": 8883}
+KEEPALIVE_S = 10
+"""A broker that is silent for one and a half times as long is gone."""
+TIMEOUT_S = 5.0
+"""Longest wait for one answer of the broker."""
+RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
+"""Waits between two attempts to connect: the first, and the longest after doubling."""
+
+Session = Callable[[aiomqtt.Client], Awaitable[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Broker:
+    """Where a broker is and how it is entered; in words, without the password."""
+
+    host: str
+    port: int
+    tls: ssl.SSLContext | None = None
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+
+    def __str__(self) -> str:
+        return f"{'mqtts' if self.tls else 'mqtt'}://{self.host}:{self.port}"
+
+    @classmethod
+    def parse(cls, url: str, environment: Mapping[str, str]) -> Self:
+        """Read `mqtt[s]://[user[:password]@]host[:port]`; SwarmError says what is expected."""
+        try:
+            parts = urlsplit(url)
+            port = parts.port or PORTS[parts.scheme]
+            host = parts.hostname or ""
+            host.encode("idna")
+        except (ValueError, KeyError):
+            host = ""
+        if not host or parts.path not in {"", "/"} or parts.query or parts.fragment:
+            raise SwarmError("--mqtt: expected mqtt://[USER@]HOST[:PORT], or mqtts:// for TLS")
+        password = environment.get(PASSWORD_VARIABLE, parts.password and unquote(parts.password))
+        user = parts.username and unquote(parts.username)
+        tls = ssl.create_default_context() if parts.scheme == "mqtts" else None
+        return cls(host, port, tls, user or None, password or None)
+
+    def client(self) -> aiomqtt.Client:
+        """Prepare a client with a session of its own, of which nothing is left when it ends."""
+        return aiomqtt.Client(
+            self.host,
+            self.port,
+            username=self.user,
+            password=self.password,
+            protocol=aiomqtt.ProtocolVersion.V311,
+            identifier=f"swarm-ctl-{secrets.token_hex(6)}",
+            clean_session=True,
+            keepalive=KEEPALIVE_S,
+            timeout=TIMEOUT_S,
+            tls_context=self.tls,
+            logger=_CLIENT_LOG,
+        )
+
+
+async def stay_connected(broker: Broker, session: Session) -> None:
+    """Run a session, and another one whenever it has ended, until cancelled; never raises.
+
+    Each loss of the broker is one warning, and so is its return.
+    """
+    loop, wait_s, is_told = asyncio.get_running_loop(), RETRY_S, False
+    while True:
+        began_s = loop.time()
+        try:
+            async with broker.client() as client:
+                if is_told:
+                    LOG.warning("%s: connected again", broker)
+                is_told = False
+                await session(client)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the vehicles fly on
+            _end_if_cancelled()
+            if not is_told:
+                LOG.warning("%s: %s; flying on without it", broker, in_words(error))
+            is_told = True
+        if loop.time() - began_s > LONGEST_RETRY_S:
+            wait_s = RETRY_S
+        await asyncio.sleep(wait_s)
+        wait_s = min(2.0 * wait_s, LONGEST_RETRY_S)
+
+
+def in_words(error: BaseException) -> str:
+    """Give the reason for the end of a session in one line."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _end_if_cancelled() -> None:
+    """Go on being cancelled: an error while a client was closed has taken that error's place."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
