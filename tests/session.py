@@ -1,4 +1,4 @@
-"""`swarm-ctl run` as a process of its own, for tests on real sockets."""
+"""`swarm-ctl run` or `fly` as a process of its own, for tests on real sockets."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ PATIENCE_S = 30.0
 
 
 class Session:
-    """A user at a shell who has typed `swarm-ctl run`."""
+    """A user at a shell who has typed a command that flies."""
 
-    def __init__(self, mission: Path, *options: object) -> None:
+    def __init__(self, mission: Path, *options: object, command: str = "run") -> None:
         self.out = mission.parent / "run"
-        words = [sys.executable, "-m", "swarm_ctl", "run", mission, "--out", self.out, *options]
+        words = [sys.executable, "-m", "swarm_ctl", command, mission, "--out", self.out, *options]
         self.process = subprocess.Popen(
             [str(word) for word in words],
             stdin=subprocess.DEVNULL,

@@ -37,8 +37,8 @@ def processes(tmp_path: Path) -> Callable[[str], list[int]]:
 def swarm_ctl_run() -> Iterator[Callable[..., Session]]:
     sessions: list[Session] = []
 
-    def begin(mission: Path, *options: object) -> Session:
-        sessions.append(Session(mission, *options))
+    def begin(mission: Path, *options: object, command: str = "run") -> Session:
+        sessions.append(Session(mission, *options, command=command))
         return sessions[-1]
 
     yield begin

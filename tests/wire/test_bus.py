@@ -19,6 +19,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 from session import Session
 
+from mock_vehicle.testing import RealSwarm
 from swarm_ctl.bus import mqtt
 from swarm_ctl.bus.mqtt import PASSWORD_VARIABLE, Broker
 from swarm_ctl.bus.orders import OrderDesk, Outcome
@@ -443,6 +444,32 @@ def test_a_run_lands_everybody_when_the_broker_says_so(
     assert session.phases() == ["done", "done"]
     assert "land ordered by the operator" in " ".join(session.summary()["notes"])
     assert complaints.count("flying on without it") == complaints.count("connected again") == 1
+
+
+@pytest.mark.mock_vehicle(vehicles=2, autopilot="mixed", rates="lean", speed=5)
+def test_vehicles_that_fly_take_orders_one_by_one(
+    hall: Callable[..., Path],
+    swarm_ctl_run: Callable[..., Session],
+    start: Start,
+    type_order: Type,
+    mock_swarm: RealSwarm,
+) -> None:
+    broker = start()
+    links = [word for one in mock_swarm for word in ("--connect", one.url)]
+    mission = hall(duration_s=1500.0, flight={"open_air": True})
+    session = swarm_ctl_run(
+        mission, *links, "--sysid", 1, "--speed", 5, "--mqtt", broker.url, command="fly"
+    )
+    session.wait_for("exploring", sysid=1)
+    session.wait_for("exploring", sysid=2)
+    at = ("--mqtt", broker.url, "--mission", "hall", "--sysid")
+    assert type_order("land", *at, 2) == (0, "vehicle 2: land accepted, it is landing\n", "")
+    session.wait_for("done", sysid=2)
+    assert type_order("land", *at, 2) == (0, "vehicle 2: land accepted, it is done\n", "")
+    assert type_order("pause", *at, 1) == (0, "vehicle 1: pause accepted, it is holding\n", "")
+    assert type_order("return", *at, 1) == (0, "vehicle 1: return accepted, it is returning\n", "")
+    assert session.end()[0] == 0
+    assert session.phases() == ["done", "done"]
 
 
 def test_a_run_without_its_broker_flies_as_well(
