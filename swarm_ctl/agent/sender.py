@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 from swarm_ctl import wire
 from swarm_ctl.agent.orders import Ack
+from swarm_ctl.autopilot.base import Autopilot
 from swarm_ctl.autopilot.command import Command
+from swarm_ctl.autopilot.setpoints import Target
 from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.frames import Geodetic, turn, wrap_rad
-from swarm_ctl.model import Setpoint
+from swarm_ctl.model import ZERO, Setpoint
 from swarm_ctl.signing import Gatekeeper
 
 _HEARTBEAT = wire.message("HEARTBEAT")
@@ -18,10 +22,6 @@ _SET_ORIGIN = wire.message("SET_GPS_GLOBAL_ORIGIN")
 _TUNNEL = wire.message("TUNNEL")
 
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _STATE_ACTIVE, _MAVLINK_VERSION = 18, 8, 4, 3
-_LOCAL_NED = 1
-_IGNORE_POSITION, _IGNORE_ACCELERATION, _IGNORE_YAW_RATE = 0x007, 0x1C0, 0x800
-_VELOCITY_AND_YAW = _IGNORE_POSITION | _IGNORE_ACCELERATION | _IGNORE_YAW_RATE
-_UNUSED = (0.0, 0.0, 0.0)
 
 
 class Sender:
@@ -52,21 +52,20 @@ class Sender:
         )
 
     def setpoint(self, wanted: Setpoint, now: float) -> bytes:
-        """Demand velocity and heading in the vehicle's local NED frame."""
-        velocity = turn(wanted.velocity_ned_m_s, -self._yaw_offset_rad)
-        return self._pack(
-            _SETPOINT,
-            int(now * 1000.0),
-            self.sysid,
-            AUTOPILOT_COMPONENT,
-            _LOCAL_NED,
-            _VELOCITY_AND_YAW,
-            *_UNUSED,
-            *velocity,
-            *_UNUSED,
-            wrap_rad(wanted.yaw_rad - self._yaw_offset_rad),
-            0.0,
-        )
+        """Demand velocity and heading in the vehicle's local NED frame; no number is a stop."""
+        velocity, yaw_rad = wanted.velocity_ned_m_s, wanted.yaw_rad
+        is_one = all(map(math.isfinite, velocity))
+        turned = turn(velocity, -self._yaw_offset_rad) if is_one else ZERO
+        yaw = wrap_rad(yaw_rad - self._yaw_offset_rad) if math.isfinite(yaw_rad) else None
+        return self.target(Target(velocity_m_s=turned, yaw_rad=yaw), now)
+
+    def target(self, wanted: Target, now: float, pilot: Autopilot | None = None) -> bytes:
+        """Ask for a target; ValueError says why an autopilot would not fly it as it is meant."""
+        refusal = wanted.refusal(pilot)
+        if refusal:
+            raise ValueError(refusal)
+        boot_ms, whom = int(now * 1000.0) & 0xFFFFFFFF, (self.sysid, AUTOPILOT_COMPONENT)
+        return self._pack(_SETPOINT, boot_ms, *whom, wanted.frame, wanted.mask, *wanted.numbers)
 
     def origin(self, place: Geodetic) -> bytes:
         """Tell the vehicle's own autopilot where on the globe its local frame begins."""

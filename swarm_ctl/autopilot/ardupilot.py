@@ -44,6 +44,7 @@ ARDUPILOT = Autopilot(
     land_mode=LAND,
     takeoff_by_command=True,
     resumes_from_failsafe=False,
+    setpoint_frames=frozenset({1, 7, 8, 9}),
     streams_hz={
         "LOCAL_POSITION_NED": 10.0,  # silent, though accepted, until there is a position
         "ATTITUDE": 10.0,

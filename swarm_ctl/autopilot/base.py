@@ -30,6 +30,8 @@ class Autopilot:
     """Climbs on NAV_TAKEOFF and must not hear a setpoint meanwhile; else climbs on setpoints."""
     resumes_from_failsafe: bool
     """Comes back to the offboard mode by itself when it left it for want of setpoints."""
+    setpoint_frames: frozenset[int]
+    """MAV_FRAMEs of setpoints that it obeys."""
     streams_hz: Mapping[str, float]
     """What a controller needs of it, and how often; asked for by SET_MESSAGE_INTERVAL."""
     mode_names: Mapping[int, str]

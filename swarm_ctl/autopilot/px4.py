@@ -48,6 +48,7 @@ PX4 = Autopilot(
     land_mode=custom_mode(AUTO, 6),
     takeoff_by_command=False,
     resumes_from_failsafe=True,
+    setpoint_frames=frozenset({1, 8}),
     streams_hz={
         "LOCAL_POSITION_NED": 10.0,
         "ATTITUDE": 10.0,
