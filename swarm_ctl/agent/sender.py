@@ -57,15 +57,14 @@ class Sender:
         is_one = all(map(math.isfinite, velocity))
         turned = turn(velocity, -self._yaw_offset_rad) if is_one else ZERO
         yaw = wrap_rad(yaw_rad - self._yaw_offset_rad) if math.isfinite(yaw_rad) else None
-        return self.target(Target(velocity_m_s=turned, yaw_rad=yaw), now)
+        return self._target(Target(velocity_m_s=turned, yaw_rad=yaw), now)
 
     def target(self, wanted: Target, now: float, pilot: Autopilot | None = None) -> bytes:
         """Ask for a target; ValueError says why an autopilot would not fly it as it is meant."""
         refusal = wanted.refusal(pilot)
         if refusal:
             raise ValueError(refusal)
-        boot_ms, whom = int(now * 1000.0) & 0xFFFFFFFF, (self.sysid, AUTOPILOT_COMPONENT)
-        return self._pack(_SETPOINT, boot_ms, *whom, wanted.frame, wanted.mask, *wanted.numbers)
+        return self._target(wanted, now)
 
     def origin(self, place: Geodetic) -> bytes:
         """Tell the vehicle's own autopilot where on the globe its local frame begins."""
@@ -77,6 +76,10 @@ class Sender:
     def broadcast(self, payload_type: int, payload: bytes) -> bytes:
         """Tell every peer in radio range; target system 0 makes it a broadcast."""
         return self._pack(_TUNNEL, 0, 0, payload_type, len(payload), payload)
+
+    def _target(self, wanted: Target, now: float) -> bytes:
+        boot_ms, whom = int(now * 1000.0) & 0xFFFFFFFF, (self.sysid, AUTOPILOT_COMPONENT)
+        return self._pack(_SETPOINT, boot_ms, *whom, wanted.frame, wanted.mask, *wanted.numbers)
 
     def _pack(self, message: wire.Message, *values: object) -> bytes:
         frame = message.pack(self.sent & 0xFF, self.sysid, COMPANION_COMPONENT, *values)
