@@ -269,6 +269,7 @@ def test_a_position_that_jumps_makes_the_vehicle_wait(launch: Launch, detect: De
     agent = flight.agent(1)
     strike(flight, "drift", fraction=0.0, jump_m=3.0)
     detect(flight, "position jumps", lambda: agent.phase is Phase.HOLDING, 2 * TICK_S)
+    assert agent.telemetry.jump_m == pytest.approx(3.0, abs=0.3)
     assert "jumped by" in agent.reason
     flight.fly_until(lambda: agent.phase in EXPLORES, within_s=4)
 
