@@ -65,6 +65,7 @@ def doctor(
         wanted=frozenset(pair_up(connect, sysid)) if sysid else frozenset(),
         mission=chosen,
         is_open_air=open_air,
+        speed=speed,
         key=read_key(signing_key),
         timestamp=timestamp_of(datetime.now(UTC)),
         patience_s=timeout * speed,
@@ -72,9 +73,7 @@ def doctor(
     columns = (TextColumn("{task.description}"), BarColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=json) as bar:
         task = bar.add_task("examining", total=1.0)
-        examination = run(
-            question, speed, lambda done: bar.update(task, completed=done), is_fixing=fix
-        )
+        examination = run(question, lambda done: bar.update(task, completed=done), is_fixing=fix)
     diagnosis = diagnose(examination)
     worst = {finding.severity for findings in diagnosis.values() for finding in findings}
     bites = Severity.ERROR in worst or (strict and bool(worst)) or bool(silences(examination))

@@ -71,6 +71,7 @@ def case_of(patient: Patient, examination: Examination) -> Case:
         parameters={name: value for name, value in known.items() if math.isfinite(value)},
         mission=mission,
         is_open_air=question.is_open_air or (mission is not None and mission.flight.open_air),
+        speed=question.speed,
         has_key=question.key is not None,
     )
 

@@ -32,6 +32,8 @@ class Question:
     """Whom to examine, by link and sysid; all who are heard when it is empty."""
     mission: Mission | None = None
     is_open_air: bool = False
+    speed: float = 1.0
+    """Seconds of `now` per second; a simulator's."""
     key: bytes | None = None
     timestamp: int = 0
     """Of signatures, when `now` is 0."""

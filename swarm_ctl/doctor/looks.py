@@ -113,7 +113,8 @@ def clock(case: Case) -> Iterator[str]:
     """Find a clock that goes faster or slower than ours."""
     rate = case.chart.clock_rate
     if rate is not None and abs(rate - 1.0) > CLOCK_TOLERANCE:
-        yield f"its clock goes {rate:.3g} times as fast as expected"
+        asked = f"say --speed {rate * case.speed:.2g}"
+        yield f"its clock goes {rate:.3g} times as fast as expected: {asked}"
 
 
 def round_trip(case: Case, least_s: float, most_s: float) -> Iterator[str]:

@@ -30,6 +30,8 @@ class Case:
     mission: Mission | None = None
     is_open_air: bool = False
     """Whether it may fly without rangefinders: `--open-air`, or the mission's flight.open_air."""
+    speed: float = 1.0
+    """How many times real time the vehicle was said to go."""
     has_key: bool = False
     """Whether all that is said is to be signed."""
 

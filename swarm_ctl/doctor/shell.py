@@ -69,8 +69,6 @@ def _open(urls: Sequence[str]) -> Iterator[dict[str, Link]]:
         yield links
 
 
-def run(
-    question: Question, speed: float, show: Callable[[float], None], *, is_fixing: bool
-) -> Examination:
+def run(question: Question, show: Callable[[float], None], *, is_fixing: bool) -> Examination:
     """Examine from outside an event loop."""
-    return asyncio.run(examine(question, Clock(speed), show, is_fixing=is_fixing))
+    return asyncio.run(examine(question, Clock(question.speed), show, is_fixing=is_fixing))
