@@ -153,13 +153,13 @@ def table(
     grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim", expand=True)
     grid.add_column("vehicle", justify="right", no_wrap=True)
     grid.add_column("phase", no_wrap=True, min_width=10)
-    names = ["height", "battery", "hears", "victims", *(["away", "silent"] if is_real else [])]
+    names = ["height", "battery", "hears", "victims", *(["away"] if is_real else [])]
     for name in names:
         grid.add_column(name, justify="right", no_wrap=True)
     grid.add_column("note", no_wrap=True, overflow="ellipsis", ratio=1)
     for one in shown:
-        note = Text(one.note, style="dim")
-        grid.add_row(*_cells(one), *(_link_cells(one) if is_real else ()), note)
+        cells = (*_cells(one), _away(one)) if is_real else _cells(one)
+        grid.add_row(*cells, _silence(one, is_real=is_real).append(one.note, style="dim"))
     if not is_part:
         return grid
     return Group(_counts(snapshots), grid) if shown else _counts(snapshots)
@@ -243,15 +243,16 @@ def _cells(one: Snapshot) -> tuple[Text, ...]:
     )
 
 
-def _link_cells(one: Snapshot) -> tuple[Text, ...]:
-    away_m = math.hypot(one.position_ned_m.x, one.position_ned_m.y)
-    if math.isinf(one.silent_s):
-        silence = Text("never", style="red")
-    elif one.silent_s < SILENT_S:
-        silence = Text("-", style="dim")
-    else:
-        silence = Text(f"{one.silent_s:.0f} s", style="red")
-    return Text(f"{away_m:.1f} m"), silence
+def _away(one: Snapshot) -> Text:
+    return Text(f"{math.hypot(one.position_ned_m.x, one.position_ned_m.y):.1f} m")
+
+
+def _silence(one: Snapshot, *, is_real: bool) -> Text:
+    """Say that a link is silent; while it is not, there is nothing to say."""
+    if not is_real or one.silent_s < SILENT_S:
+        return Text()
+    words = "never heard " if math.isinf(one.silent_s) else f"silent {one.silent_s:.0f} s "
+    return Text(words, style="red")
 
 
 def _clock_face(seconds: float) -> str:
