@@ -29,8 +29,9 @@ from swarm_ctl.cli_options import (
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.flight import finish
 from swarm_ctl.link import open_link
+from swarm_ctl.link.mesh import Mesh
 from swarm_ctl.link.shared import SharedLink
-from swarm_ctl.mission import Mission, load_mission
+from swarm_ctl.mission import Mission, check_starts, load_mission
 from swarm_ctl.progress import ProgressView
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.summary import report_lines
@@ -46,12 +47,22 @@ Sysids = Annotated[
         metavar="N",
     ),
 ]
+MeshUrl = Annotated[
+    str | None,
+    typer.Option(
+        "--mesh",
+        help="Network on which companions hear one another beside their vehicles' radios: "
+        "udp://239.255.42.42:14700, and ?interface=IP behind it to choose one of several.",
+        metavar="URL",
+    ),
+]
 
 
 def fly(
     mission: MissionFile,
     connect: Connect,
     sysid: Sysids = None,
+    mesh: MeshUrl = None,
     planner: PlannerKind = None,
     seed: Annotated[
         int | None, typer.Option(help="Seed of every random draw.", metavar="N")
@@ -99,17 +110,30 @@ def fly(
         raise SwarmError("several --connect want --sysid: the first vehicle's, or each one's")
     pair_up(connect, sysid or [1])  # a mistake is told before a port is opened
     console = PipeConsole(highlight=False)
-    flight = _fly(chosen, connect, sysid, console, speed=speed, out=out, key=key, broker=broker)
+    flight = _fly(
+        mission,
+        chosen,
+        connect,
+        sysid,
+        console,
+        mesh=mesh,
+        speed=speed,
+        out=out,
+        key=key,
+        broker=broker,
+    )
     outcome = asyncio.run(flight)
     raise typer.Exit(EXIT_CODES[outcome])
 
 
 async def _fly(
+    file: Path,
     mission: Mission,
     urls: Sequence[str],
     sysids: Sequence[int] | None,
     console: PipeConsole,
     *,
+    mesh: str | None,
     speed: float,
     out: Path | None,
     key: bytes | None,
@@ -121,13 +145,17 @@ async def _fly(
         for url in dict.fromkeys(urls):
             shared[url] = SharedLink(open_link(url))
             opened.callback(shared[url].close)
+        joined = Mesh(mesh) if mesh is not None else None
+        if joined is not None:
+            opened.callback(joined.close)
         if not sysids:
             sysids = [await only_autopilot(shared[urls[0]], speed)]
             console.print(f"heard sysid {sysids[0]} at {urls[0]}: flying this one", markup=False)
         links = [shared[url].member(sysid) for url, sysid in pair_up(urls, sysids)]
+        check_starts(file, mission, [link.sysid for link in links])
         mission = mission.model_copy(update={"vehicles": len(links)})
         folder = RunFolder.create(out, mission.name, mission.dump(), seed=mission.seed, mode="fly")
-        flight = RealRun(mission, folder, links, speed=speed, key=key)
+        flight = RealRun(mission, folder, links, speed=speed, key=key, mesh=joined)
         flight.broker = broker
         with interrupts():
             return await _record(flight, mission, console)

@@ -8,7 +8,7 @@ import time
 
 from swarm_ctl.agent.agent import Agent
 from swarm_ctl.agent.diary import Diary, distrust, resume
-from swarm_ctl.link import Link, Source
+from swarm_ctl.link import MESH, Link, Source
 from swarm_ctl.model import Operator, Vec3
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.paths import WAYPOINT_S
@@ -49,6 +49,12 @@ class Controller:
         self._folder.hash.frame(self.index, False, data)
         self._tlog.write(data, now)
         self.agent.receive(data, now)
+
+    def overhear(self, data: bytes, now: float) -> None:
+        """Take what peers tell beside the vehicle's own link."""
+        self._folder.hash.frame(self.index, False, data)
+        self._tlog.write(data, now)
+        self.agent.overhear(data, now)
 
     def tick(self, now: float) -> bytes:
         """Decide; give the datagram to send."""
@@ -136,10 +142,11 @@ async def fly(controller: Controller, link: Link, clock: Clock, *, offset_s: flo
     """
     broken: list[Exception] = []
 
-    def hear(data: bytes, _source: Source) -> None:
+    def hear(data: bytes, source: Source) -> None:
         try:
             if not broken:
-                controller.receive(data, clock.now())
+                take = controller.overhear if source == MESH else controller.receive
+                take(data, clock.now())
         except Exception as error:  # noqa: BLE001 - raised where this vehicle's task can end by it
             broken.append(error)
 

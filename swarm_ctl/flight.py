@@ -61,6 +61,19 @@ class Faults:
         return cls(tuple(sorted(controllers)), tuple(mock))
 
 
+def orders_of(mission: Mission) -> Orders:
+    """Give what every vehicle of a mission is told before take-off."""
+    return Orders(
+        mission=mission.name,
+        duration_s=mission.duration_s,
+        planner=mission.planner,
+        flight=mission.flight,
+        limits=mission.limits,
+        seed=mission.seed,
+        frame=mission.frame,
+    )
+
+
 def controllers_for(
     mission: Mission,
     folder: RunFolder,
@@ -72,15 +85,7 @@ def controllers_for(
 
     The first takes off `delay_s` after it is ready, the others as the mission spaces them.
     """
-    orders = Orders(
-        mission=mission.name,
-        duration_s=mission.duration_s,
-        planner=mission.planner,
-        flight=mission.flight,
-        limits=mission.limits,
-        seed=mission.seed,
-        frame=mission.frame,
-    )
+    orders = orders_of(mission)
     if mission.planner.kind == "explore":
         warm_up(mission.planner)
     spacing_s = mission.flight.start_spacing_s

@@ -1,6 +1,6 @@
 """Mission files: the only reader of the YAML that says what a swarm does."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -100,7 +100,16 @@ def load_mission(
         raise _as_mission_error(path, error) from None
     if is_simulated:
         _check_world(path, mission)
+        check_starts(path, mission, range(1, mission.vehicles + 1))
     return mission
+
+
+def check_starts(path: Path, mission: Mission, sysids: Iterable[int]) -> None:
+    """Refuse a mission in whose surveyed frame a vehicle that is to fly has no start."""
+    for sysid in sysids:
+        if mission.frame.shared == "surveyed" and sysid not in mission.frame.starts_m:
+            reason = f"lacks vehicle {sysid}; all that fly must be in it"
+            raise MissionError(path, "frame.starts_m", reason)
 
 
 def _check_world(path: Path, mission: Mission) -> None:
@@ -166,7 +175,7 @@ def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
             "duration_s",
             f"must be below limits.max_time_s ({limits.max_time_s:g}), not {mission.duration_s:g}",
         )
-    yield from mistakes(mission.frame, range(1, mission.vehicles + 1))
+    yield from mistakes(mission.frame)
 
 
 def _read(path: Path) -> dict[str, Any]:

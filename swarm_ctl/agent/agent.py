@@ -161,11 +161,16 @@ class Agent:
                 continue
             if frame.sysid == self.sysid:
                 self.telemetry.receive(frame, now)
-            elif frame.compid == COMPANION_COMPONENT and frame.id == _TUNNEL_ID:
-                payload = frame.values.payload[: frame.values.payload_length]
-                self._hear(frame.sysid, frame.values.payload_type, payload, now)
+            elif frame.id == _TUNNEL_ID:
+                self._hear(frame, now)
             elif frame.id in COMMAND_IDS:
                 self.inbox.receive(frame)
+
+    def overhear(self, data: bytes, now: float) -> None:
+        """Take what peers tell beside the vehicle's own link; nothing else is taken from there."""
+        for frame in wire.Parser((_TUNNEL_ID,)).feed(data):
+            if frame.sysid != self.sysid and not self.sender.gate.refusal(frame):
+                self._hear(frame, now)
 
     def tick(self, now: float) -> bytes:
         """Decide; give the frames to send, as one datagram (empty when there is nothing)."""
@@ -312,8 +317,12 @@ class Agent:
 
     # -- taking in -----------------------------------------------------------------------------
 
-    def _hear(self, sysid: int, payload_type: int, payload: bytes, now: float) -> None:
+    def _hear(self, frame: wire.Frame, now: float) -> None:
         """Take a peer's broadcast; who has not told that he flies our mission is not ours."""
+        if frame.compid != COMPANION_COMPONENT:
+            return
+        sysid, payload_type = frame.sysid, frame.values.payload_type
+        payload = frame.values.payload[: frame.values.payload_length]
         if payload_type == beacons.BEACON_TYPE:
             beacon = beacons.decode(payload)
             if beacon is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
@@ -45,12 +45,11 @@ class FrameParams(Section):
     count: told to autopilots that know no origin of their own, as ArduPilot without satellites."""
 
 
-def mistakes(frame: FrameParams, sysids: Iterable[int]) -> Iterator[tuple[str, str]]:
-    """Name every key that does not fit another one or the vehicles that fly, with a sentence."""
+def mistakes(frame: FrameParams) -> Iterator[tuple[str, str]]:
+    """Name every key that does not fit another one, with a sentence."""
     if frame.shared == "surveyed":
-        for sysid in sysids:
-            if sysid not in frame.starts_m:
-                yield "frame.starts_m", f"lacks vehicle {sysid}; all that fly must be in it"
+        if not frame.starts_m:
+            yield "frame.starts_m", "is missing; it says where each vehicle starts"
         if len(set(frame.starts_m.values())) < len(frame.starts_m):
             yield "frame.starts_m", "puts two vehicles at one place"
     elif frame.starts_m:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from swarm_ctl.link.base import Heard, Link, Source
+from swarm_ctl.link.base import MESH, Heard, Link, Source
 from swarm_ctl.link.serial import SerialLink
 from swarm_ctl.link.tcp import TcpLink
 from swarm_ctl.link.udp import UdpLink
 from swarm_ctl.link.url import parse
 
-__all__ = ["Heard", "Link", "Source", "open_link"]
+__all__ = ["MESH", "Heard", "Link", "Source", "open_link"]
 
 
 def open_link(url: str) -> Link:

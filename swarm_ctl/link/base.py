@@ -8,6 +8,8 @@ from typing import Protocol
 Source = tuple[str, int]
 """Host and port that a datagram came from; `STREAM` where there is only one other end."""
 STREAM: Source = ("", 0)
+MESH: Source = ("mesh", 0)
+"""What peers told beside the vehicle's own link; whole frames of companions, nothing else."""
 Heard = Callable[[bytes, Source], None]
 """Takes what arrived, and where from."""
 

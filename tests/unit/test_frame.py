@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl import wire
 from swarm_ctl.agent import beacon as beacons
-from swarm_ctl.agent.agent import Agent, Orders
+from swarm_ctl.agent.agent import Agent
 from swarm_ctl.agent.frame import (
     ASK_TIMES,
     GNSS_HEIGHT_DOUBT_M,
@@ -25,6 +25,7 @@ from swarm_ctl.agent.frame import (
 from swarm_ctl.agent.sender import Sender
 from swarm_ctl.autopilot.telemetry import Telemetry
 from swarm_ctl.errors import MissionError
+from swarm_ctl.flight import orders_of
 from swarm_ctl.frames import Geodetic, ned_to_geodetic, turn
 from swarm_ctl.mission import load_mission
 from swarm_ctl.model import ZERO, Setpoint, Vec3
@@ -220,7 +221,7 @@ def test_a_mission_says_which_frame_is_shared(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("frame", "key", "words"),
     [
-        ({"shared": "surveyed"}, "frame.starts_m", "lacks vehicle 1"),
+        ({"shared": "surveyed"}, "frame.starts_m", "is missing"),
         ({"shared": "surveyed", "starts_m": {1: [0, 0, 0]}}, "frame.starts_m", "lacks vehicle 2"),
         (
             {"shared": "surveyed", "starts_m": {1: [0, 0, 0], 2: [0, 0, 0]}},
@@ -253,16 +254,7 @@ def test_a_frame_that_cannot_be_shared_is_refused(
 
 def agent(folder: Path, sysid: int, frame: dict[str, Any]) -> Agent:
     mission = load_mission(write_hall(folder, {"frame": frame}))
-    orders = Orders(
-        mission=mission.name,
-        duration_s=mission.duration_s,
-        planner=mission.planner,
-        flight=mission.flight,
-        limits=mission.limits,
-        seed=mission.seed,
-        frame=mission.frame,
-    )
-    return Agent(sysid, orders)
+    return Agent(sysid, orders_of(mission))
 
 
 def test_beacons_of_another_build_are_counted_and_change_nothing(tmp_path: Path) -> None:

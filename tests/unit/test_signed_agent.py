@@ -8,7 +8,8 @@ import pytest
 from halls import write_hall
 
 from swarm_ctl import wire
-from swarm_ctl.agent.agent import Agent, Orders
+from swarm_ctl.agent.agent import Agent
+from swarm_ctl.flight import orders_of
 from swarm_ctl.mission import load_mission
 from swarm_ctl.signing import Signer, Verdict, key_of
 
@@ -19,15 +20,7 @@ HEARTBEAT = wire.message("HEARTBEAT")
 @pytest.fixture
 def agent(tmp_path: Path) -> Agent:
     mission = load_mission(write_hall(tmp_path, {}, None))
-    orders = Orders(
-        mission=mission.name,
-        duration_s=mission.duration_s,
-        planner=mission.planner,
-        flight=mission.flight,
-        limits=mission.limits,
-        seed=mission.seed,
-    )
-    return Agent(1, orders)
+    return Agent(1, orders_of(mission))
 
 
 def beat(seq: int = 0) -> bytes:

@@ -1,0 +1,207 @@
+"""A mesh of companions on the loopback: who hears whom, and what is not carried."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from halls import write_hall
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl import wire
+from swarm_ctl.agent.agent import Agent
+from swarm_ctl.agent.beacon import BEACON_TYPE, Beacon, encode, mission_tag
+from swarm_ctl.agent.phases import Phase
+from swarm_ctl.agent.sender import Sender
+from swarm_ctl.autopilot.command import command
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.flight import orders_of
+from swarm_ctl.link.base import MESH, STREAM, Heard, Source
+from swarm_ctl.link.mesh import Mesh, _broadcasts
+from swarm_ctl.mission import load_mission
+from swarm_ctl.model import ZERO, Setpoint
+
+pytestmark = pytest.mark.wire
+
+PATIENCE_S = 5.0
+QUIET_S = 0.1
+TUNNEL = wire.message("TUNNEL")
+
+
+class Cable:
+    """A vehicle's own link whose far end is in a test's hand."""
+
+    url = "udpout://localhost:14580"
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+        self.is_open = True
+
+    def watch(self, heard: Heard) -> None:
+        self.arrive = heard
+
+    def send(self, data: bytes, to: Source | None = None) -> bool:  # noqa: ARG002
+        self.sent.append(data)
+        return True
+
+    def close(self) -> None:
+        self.is_open = False
+
+
+class Companion:
+    """A vehicle's companion on a mesh, and all that it has heard there."""
+
+    def __init__(self, mesh: Mesh, sysid: int) -> None:
+        self.cable = Cable()
+        self.sender = Sender(sysid)
+        self.heard: list[tuple[bytes, Source]] = []
+        self.link = mesh.join(self.cable, sysid)
+        self.link.watch(self._hear)
+        self._has_heard = asyncio.Event()
+
+    def _hear(self, data: bytes, source: Source) -> None:
+        self.heard.append((data, source))
+        self._has_heard.set()
+
+    async def hears(self, count: int) -> list[bytes]:
+        """Wait for so many datagrams, and a moment longer for one too many."""
+        async with asyncio.timeout(PATIENCE_S):
+            while len(self.heard) < count:
+                self._has_heard.clear()
+                await self._has_heard.wait()
+        await asyncio.sleep(QUIET_S)
+        assert {source for _, source in self.heard} <= {MESH}
+        return [data for data, _ in self.heard]
+
+
+@pytest.fixture
+def process(free_udp_port: int) -> Iterator[Callable[[], Mesh]]:
+    """Give a function that opens a mesh as one more process of this machine would."""
+    url = f"udp://239.255.42.42:{free_udp_port}?interface=127.0.0.1"
+    opened: list[Mesh] = []
+
+    def begin() -> Mesh:
+        opened.append(Mesh(url))
+        return opened[-1]
+
+    yield begin
+    for one in opened:
+        one.close()
+
+
+Process = Callable[[], Mesh]
+
+
+async def test_all_hear_one_another_in_one_process_and_in_several(process: Process) -> None:
+    here, there = process(), process()
+    one, two, three = Companion(here, 1), Companion(here, 2), Companion(there, 3)
+    told = one.sender.broadcast(BEACON_TYPE, b"here I am")
+    assert one.link.send(told)
+    assert await two.hears(1) == [told]
+    assert await three.hears(1) == [told]
+    assert one.heard == []
+    assert one.cable.sent == [told]
+
+
+async def test_only_what_is_for_everybody_leaves_and_the_vehicle_gets_it_all(
+    process: Process,
+) -> None:
+    one, two = Companion(process(), 1), Companion(process(), 2)
+    sender = one.sender
+    beat = sender.heartbeat()
+    order = sender.command(command(400, 1.0), 0)
+    setpoint = sender.setpoint(Setpoint(ZERO, 0.0), 1.0)
+    beacon = sender.broadcast(BEACON_TYPE, b"beacon")
+    private = TUNNEL.pack(9, 1, 191, 2, 0, BEACON_TYPE, 1, b"x")
+    datagram = beat + order + setpoint + beacon + private
+    one.link.send(order + setpoint)
+    one.link.send(datagram)
+    assert await two.hears(1) == [beat + beacon]
+    assert one.cable.sent == [order + setpoint, datagram]
+
+
+async def test_nothing_but_companions_is_taken_from_the_network(process: Process) -> None:
+    mesh = process()
+    one, two = Companion(mesh, 1), Companion(process(), 2)
+    forged = wire.message("LOCAL_POSITION_NED").pack(0, 1, 1, 0, *[9.0] * 6)
+    autopilot = wire.message("HEARTBEAT").pack(0, 2, 1, 2, 12, 29, 0, 3, 3)
+    own = one.sender.broadcast(BEACON_TYPE, b"my own, come back")
+    beacon = two.sender.broadcast(BEACON_TYPE, b"beacon")
+    outsider = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with outsider:
+        outsider.setsockopt(
+            socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1")
+        )
+        for data in (forged, autopilot, own, b"\xfd" * 300, beacon[:-1], b"", forged + beacon):
+            outsider.sendto(data, mesh._group)
+    assert await one.hears(1) == [beacon]
+    assert mesh.refused == 5
+
+
+async def test_who_has_left_hears_nothing_and_the_others_go_on(process: Process) -> None:
+    mesh = process()
+    one, two, three = (Companion(mesh, sysid) for sysid in (1, 2, 3))
+    two.link.close()
+    assert not two.cable.is_open
+    told = one.sender.heartbeat()
+    one.link.send(told)
+    assert await three.hears(1) == [told]
+    assert two.heard == []
+    mesh.close()
+    assert one.link.send(told), "its own link is as good as before"
+    assert not mesh.tell(told)
+
+
+async def test_the_vehicles_own_link_is_heard_as_before(process: Process) -> None:
+    one = Companion(process(), 1)
+    one.cable.arrive(b"telemetry", STREAM)
+    assert one.heard == [(b"telemetry", STREAM)]
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_from_the_network_can_do_harm(data: bytes) -> None:
+    assert all(frame.compid == 191 for frame in _broadcasts(data))
+
+
+def test_an_agent_takes_beacons_alone_from_the_mesh(tmp_path: Path) -> None:
+    mission = load_mission(write_hall(tmp_path, {}))
+    agent = Agent(1, orders_of(mission))
+    beacon = Beacon(mission_tag(mission.name), Phase.EXPLORING, ZERO, ZERO, None, ())
+    told = Sender(2).broadcast(BEACON_TYPE, encode(beacon))
+    autopilot = wire.message("HEARTBEAT").pack(0, 1, 1, 2, 12, 29, 0, 3, 3)
+    own = Sender(1).broadcast(BEACON_TYPE, encode(beacon))
+    agent.overhear(autopilot + own + told, 1.0)
+    assert agent.telemetry.autopilot is None
+    assert agent.peers.is_ours(2)
+    assert not agent.peers.is_ours(1)
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "udp://239.255.42.42",
+        "udp://239.255.42.42:0",
+        "udp://239.255.42.42:70000",
+        "udp://192.168.1.1:14700",
+        "udp://239.255.42.421:14700",
+        "udp://swarm.local:14700",
+        "udpin://239.255.42.42:14700",
+        "udp://239.255.42.42:14700/x",
+        "udp://239.255.42.42:14700?interface=wlan0",
+        "udp://239.255.42.42:14700?interfaces=127.0.0.1",
+        "",
+    ],
+)
+def test_what_is_no_mesh_is_refused_in_one_sentence(url: str) -> None:
+    with pytest.raises(SwarmError, match="expected a multicast group and a port") as caught:
+        Mesh(url)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_network_that_this_machine_is_not_on_is_refused_in_one_sentence() -> None:
+    with pytest.raises(SwarmError, match="expected a multicast group"):
+        Mesh("udp://239.255.42.42:14700?interface=192.0.2.7")
