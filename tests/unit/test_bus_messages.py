@@ -109,6 +109,7 @@ def test_the_password_in_the_environment_wins_and_none_is_ever_shown() -> None:
     broker = Broker.parse("mqtt://ann:visible@broker", {PASSWORD_VARIABLE: "hidden"})
     assert broker.password == "hidden"  # noqa: S105 - the test's own
     assert str(broker) == "mqtt://broker:1883"
+    assert str(Broker.parse("mqtts://[::1]", {})) == "mqtts://[::1]:8883"
     assert "hidden" not in repr(broker)
 
 

@@ -60,12 +60,16 @@ class Crew:
 
     def __init__(self, url: str, environment: dict[str, str] | None = None) -> None:
         self.told: list[tuple[int, Operator]] = []
+        self.answered = 0
+        """Messages that were no order, and were looked at for each vehicle."""
         broker = Broker.parse(url, environment or {})
         self.desk = OrderDesk(broker, "hall", [1, 2], self._obey)
 
     def _obey(self, sysid: int, operator: Operator | None) -> Outcome:
         if operator is not None:
             self.told.append((sysid, operator))
+        else:
+            self.answered += 1
         return Outcome(operator not in {None, Operator.RESUME}, "exploring", 12.5)
 
     async def meet(self, sessions: int = 1) -> None:
@@ -294,6 +298,18 @@ async def test_orders_come_before_the_echo_of_a_slow_broker(start: Start) -> Non
         acks = await operator.acks(6)
     assert [word for sysid, word in crew.told if sysid == 1] == ["pause", "resume", "land"]
     assert {ack["order"] for _, ack in acks} == {"pause", "resume", "land"}
+
+
+async def test_in_a_flood_orders_are_obeyed_and_the_echo_is_left_out(start: Start) -> None:
+    broker = start()
+    crew = Crew(broker.url)
+    async with crew.on_duty(), ear(broker) as operator:
+        for number in range(500):
+            await operator.say("swarm/hall/order", f"garbage {number}")
+        await operator.say("swarm/hall/order", "land")
+        await until(lambda: len(crew.told) == 2)
+    assert crew.desk.bad == 500
+    assert crew.answered < 500, "two for each of the first twenty in a second"
 
 
 async def test_whoever_serves_a_frozen_broker_can_still_be_ended(start: Start) -> None:
