@@ -45,7 +45,7 @@ class Fleet:
         if not self.interrupted:
             self.interrupted = True
             for controller in self.controllers:
-                controller.order(Operator.LAND, self.now)
+                self._order(controller, Operator.LAND)
         elif not all(controller.agent.is_ended for controller in self.controllers):
             self.notes.append(TWICE)
             for controller in self.controllers:
@@ -105,8 +105,16 @@ class Fleet:
 
     def _obey(self, sysid: int, operator: Operator | None) -> Outcome:
         (controller,) = (c for c in self.controllers if c.agent.sysid == sysid)
-        accepted = operator is not None and controller.order(operator, self.now)
+        accepted = operator is not None and self._order(controller, operator)
         return Outcome(accepted, controller.agent.phase.value, round(self.now, 3))
+
+    def _order(self, controller: Controller, operator: Operator) -> bool:
+        """Pass on an order; what breaks in one vehicle keeps it from no other."""
+        try:
+            return controller.order(operator, self.now)
+        except Exception as error:  # noqa: BLE001 - see _fly_one
+            controller.break_down(error, self.now)
+            return False
 
     async def _report(self, progress: Callable[[], None]) -> None:
         while True:

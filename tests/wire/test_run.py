@@ -330,6 +330,23 @@ async def test_controllers_that_break_do_not_stop_the_others(
     assert summary["outcome"] == "flown"
 
 
+async def test_a_controller_that_breaks_by_an_order_keeps_it_from_no_other(
+    swarm: Prepare, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = swarm(vehicles=3, duration_s=1500.0)
+
+    def broken(*_: Any) -> Any:
+        raise TypeError("no idea")
+
+    def order_in_flight(_: UdpRun) -> None:
+        if flight.is_exploring() and not flight.run.interrupted:
+            monkeypatch.setattr(flight.run.controllers[0].agent, "order", broken)
+            flight.run.interrupt()
+
+    await flight.fly(order_in_flight)
+    assert flight.phases() == ["failed", "done", "done"]
+
+
 async def test_garbage_is_counted_and_changes_nothing(swarm: Prepare) -> None:
     flight = swarm()
     dice = np.random.default_rng(1)
