@@ -108,8 +108,8 @@ def _watch_start(agent: Agent) -> None:
 def _watch_from_afar(agent: Agent, silent_s: float) -> None:
     """Watch a vehicle that is not ours to steer now: its link is lost, or somebody flies it."""
     telemetry = agent.telemetry
-    flies = telemetry.is_failsafe  # that much is known before the heartbeat tells if it is armed
-    told_s = telemetry.mode_s if flies else telemetry.heartbeat_s
+    still_flies = telemetry.armed and telemetry.is_failsafe  # told before the next heartbeat
+    told_s = telemetry.mode_s if still_flies else telemetry.heartbeat_s
     if silent_s > GONE_S:
         agent.enter(Cause.FAULT, f"nothing heard from its autopilot for {silent_s:.0f} s")
     elif agent.phase is Phase.YIELDED or told_s <= agent.entered_s:
