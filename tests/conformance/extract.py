@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from extract_behaviour import malformed, told
+from extract_failsafes import failsafes
 from extract_rates import rates
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from transcript import CLIENT, HERE, MALFORMED, RATES, Listener, Said
+from transcript import CLIENT, FAILSAFES, HERE, MALFORMED, RATES, Listener, Said
 
 CLOCKS = {"ATTITUDE", "LOCAL_POSITION_NED", "SYSTEM_TIME"}
 """Messages whose time_boot_ms says when they were sent."""
@@ -38,6 +39,8 @@ class Heard(NamedTuple):
 
 def main(reference: Path) -> None:
     """Write one script per recording."""
+    cases = ",\n".join(json.dumps(case) for case in failsafes(reference))
+    FAILSAFES.write_text(f"[\n{cases}\n]\n", "utf-8")
     for path in sorted(reference.glob("*/behaviour.json")):
         behaviour = json.loads(path.read_text("utf-8"))
         for suite, lines in told(behaviour):

@@ -17,6 +17,8 @@ RATES = "rates"
 """The file of what flows unasked, beside the suites."""
 MALFORMED = "malformed"
 """The file of what became of broken frames."""
+FAILSAFES = HERE / "failsafes.json"
+"""What was said while an autopilot took itself away from its client."""
 PATIENCE_S = 0.5
 """A message that flows anyway answers a request for it within this time."""
 REQUEST_MESSAGE, SET_MESSAGE_INTERVAL = 512, 511
