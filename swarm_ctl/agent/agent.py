@@ -42,10 +42,6 @@ REPEAT_S = 2.0
 _TUNNEL_ID, _ORIGIN_ID = wire.message("TUNNEL").id, wire.message("GPS_GLOBAL_ORIGIN").id
 
 _AS_PLANNED = frozenset({TIME_OVER, IS_HOME, HAS_LANDED, STILL_LANDING})
-_ASIDE = frozenset(
-    {commands.SET_MESSAGE_INTERVAL, commands.REQUEST_MESSAGE, commands.RUN_PREARM_CHECKS}
-)
-"""Commands that nothing depends on: a missing stream is asked for again."""
 _ENDING = frozenset(
     {Cause.FAULT, Cause.LAND, Cause.RETURN, Cause.PILOT, Cause.DISARMED, Cause.CANCELLED}
 )
@@ -370,7 +366,7 @@ class Agent:
             sharing.see(telemetry.scan_m, telemetry.position_ned_m, peers_m)
 
     def _answered(self, answer: Answer | None) -> None:
-        if answer is None or answer.is_accepted or answer.command.id in _ASIDE:
+        if answer is None or answer.is_accepted or answer.command.id in commands.ASIDE:
             return
         if answer.is_in_progress:
             self.note("CommandProgress", command=answer.command.id, percent=answer.progress)

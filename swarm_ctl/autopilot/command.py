@@ -23,6 +23,8 @@ COMMAND_NAMES = {
     REQUEST_MESSAGE: "a message",
 }
 """What a controller asks for, by MAV_CMD."""
+ASIDE = frozenset({RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE})
+"""Commands that move nothing and are asked anew when it matters."""
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, IN_PROGRESS = 0, 1, 2, 3, 5
 RESULT_NAMES = {
@@ -121,13 +123,17 @@ class _Request:
     def is_a_stream(self) -> bool:
         return self.command.id == SET_MESSAGE_INTERVAL
 
+    @property
+    def is_aside(self) -> bool:
+        return self.command.id in ASIDE
+
 
 class CommandQueue:
     """Send one command at a time, repeat it until it is answered, then the next.
 
     One at a time because PX4 answers only four of a burst, and because an acknowledgement names
-    the command but not the copy. What moves the vehicle goes before what asks for streams. A
-    command that was temporarily rejected is sent again later; any other refusal is final.
+    the command but not the copy. What moves the vehicle goes before what only asks. A command
+    that was temporarily rejected is sent again later; any other refusal is final.
     """
 
     def __init__(self, retry_s: float = 0.5, attempts: int = 5) -> None:
@@ -140,13 +146,8 @@ class CommandQueue:
 
     def request(self, wanted: Command) -> None:
         """Queue a command unless the same one is already waiting."""
-        if any(waiting.command == wanted for waiting in self._all()):
-            return
-        request, current = _Request(wanted), self._current
-        self._waiting.append(request)
-        if current is not None and current.is_a_stream and not request.is_a_stream:
-            self._current = None
-            self._put_off(current, current.next_s)
+        if not any(waiting.command == wanted for waiting in self._all()):
+            self._waiting.append(_Request(wanted))
 
     def clear(self) -> None:
         """Forget all that has not been answered, but not the streams that are asked for."""
@@ -174,6 +175,7 @@ class CommandQueue:
 
     def poll(self, now: float) -> tuple[tuple[Command, int] | None, Answer | None]:
         """Give the command to send now with its confirmation count, and one that timed out."""
+        self._make_way(now)
         timed_out, current = None, self._current
         if current is not None and current.sent >= self.attempts and now >= current.next_s:
             timed_out, current = Answer(current.command, None), None
@@ -188,12 +190,20 @@ class CommandQueue:
         return [*self._waiting, self._current] if self._current else self._waiting
 
     def _next(self, now: float) -> _Request | None:
-        """Take the first that may be sent, those that ask for streams last."""
+        """Take the first that may be sent, those that only ask last."""
         due = [request for request in self._waiting if now >= request.next_s]
-        first = min(due, key=lambda request: request.is_a_stream, default=None)
+        first = min(due, key=lambda request: request.is_aside, default=None)
         if first is not None:
             self._waiting.remove(first)
         return first
+
+    def _make_way(self, now: float) -> None:
+        """Interrupt what only asks when there is something that moves the vehicle."""
+        current = self._current
+        moves = (now >= request.next_s and not request.is_aside for request in self._waiting)
+        if current is not None and current.is_aside and any(moves):
+            self._current = None
+            self._put_off(current, current.next_s)
 
     def _put_off(self, request: _Request, until_s: float) -> None:
         request.sent, request.next_s = 0, until_s
