@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +13,15 @@ from flight_log import Flight
 
 from mock_vehicle.fleet import Fleet
 from swarm_ctl import wire
+from swarm_ctl.experiment.arena import Arena
 from swarm_ctl.frames import turn
+from swarm_ctl.mission import load_mission
 from swarm_ctl.model import Vec3
+from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.journal import read_journal
 
 Launch = Callable[..., Flight]
+MISSIONS = Path(__file__).parents[2] / "missions"
 EXPLORES = ("exploring", "avoiding")
 STARTS = {1: [3, 3, 0], 2: [5, 3, 0], 3: [3, 5, 0], 4: [5, 5, 0]}
 SURVEYED = {"shared": "surveyed", "starts_m": STARTS}
@@ -98,6 +103,17 @@ def test_an_autopilot_without_satellites_is_told_its_origin(launch: Launch) -> N
     assert (two.longitude_deg - one.longitude_deg) * 92_400 == pytest.approx(2.0, abs=0.05)
     assert one.latitude_deg == pytest.approx(-33.9 + 3.0 / 110_900, abs=1e-6)
     assert not any(vehicle.armed for vehicle in flight.arena.fleet.vehicles)
+
+
+def test_the_cellar_is_searched_by_vehicles_that_know_their_starts(tmp_path: Path) -> None:
+    mission = load_mission(MISSIONS / "gps_denied.yaml", duration_s=60.0)
+    with RunFolder.create(
+        tmp_path / "run", mission.name, mission.dump(), seed=mission.seed, mode="virtual"
+    ) as folder:
+        flight = Flight(Arena(mission, folder), folder)
+        assert explore_together(flight) < 0.6
+        assert flight.truth()["min_separation_m"] > 0.85
+        assert flight.truth()["coverage_fraction"] > 0.7
 
 
 def test_a_frame_of_satellites_is_not_flown_without_them(launch: Launch) -> None:

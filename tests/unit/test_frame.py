@@ -23,7 +23,7 @@ from swarm_ctl.agent.frame import (
     shift_between,
 )
 from swarm_ctl.agent.sender import Sender
-from swarm_ctl.autopilot.telemetry import Telemetry
+from swarm_ctl.autopilot.telemetry import SUBSCRIBED, Telemetry
 from swarm_ctl.errors import MissionError
 from swarm_ctl.flight import orders_of
 from swarm_ctl.frames import Geodetic, ned_to_geodetic, turn
@@ -116,6 +116,12 @@ def test_an_origin_that_is_nowhere_is_none(values: tuple[int, int, int]) -> None
     telemetry = Telemetry(1)
     hear(telemetry, "GPS_GLOBAL_ORIGIN", *values)
     assert telemetry.origin is None
+
+
+def test_all_that_is_heard_of_the_globe_is_where_the_estimator_began() -> None:
+    fields = {name: wire.message(name).fields for name in SUBSCRIBED}
+    global_ones = {name for name, names in fields.items() if {"lat", "latitude"} & {*names}}
+    assert global_ones == {"GPS_GLOBAL_ORIGIN"}
 
 
 # -- estimators whose x axis is not north ----------------------------------------------------------
