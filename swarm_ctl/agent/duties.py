@@ -29,6 +29,8 @@ STREAM_BEFORE_SWITCH_S = 1.0
 """PX4 wants setpoints before it takes the offboard mode (PX4 guide, offboard mode)."""
 SETTLED_M_S = 0.2
 """A landing begun any faster ends beside the place it was meant for."""
+SETTLE_S = 4.0
+"""Then it is at rest, and its velocity tells the estimator's noise (PX4: up to 0.3 m/s)."""
 CLIMBED_FRACTION = 0.9
 DOWN = RANGE_ORDER.index("down")
 ON_GROUND_M = 0.3
@@ -135,6 +137,7 @@ def come_home(agent: Agent) -> Vec3 | None:
     velocity = route.velocity(place, flight.speed_m_s)
     if route.is_done():
         return _settle(agent, Cause.HOME, IS_HOME)
+    agent.homeward.go_on()
     if math.hypot(velocity.x, velocity.y) > 0.1:
         agent.yaw_rad = math.atan2(velocity.y, velocity.x)
     return _at_height(agent, velocity)
@@ -190,7 +193,8 @@ def _leave_landing_mode(agent: Agent) -> None:
 
 def _settle(agent: Agent, cause: Cause, reason: str) -> Vec3 | None:
     """Come to rest, then enter what ends in a landing."""
-    if math.hypot(*agent.telemetry.velocity_ned_m_s) < SETTLED_M_S:
+    is_at_rest = math.hypot(*agent.telemetry.velocity_ned_m_s) < SETTLED_M_S
+    if is_at_rest or agent.homeward.waits_s(agent.now) > SETTLE_S:
         agent.enter(cause, reason)
         return None
     return _at_height(agent, ZERO)

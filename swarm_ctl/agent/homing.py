@@ -110,10 +110,22 @@ class Homeward:
         self._until_s = 0.0
         self._from_ned_m = ZERO
         self._times_stuck = 0
+        self._arrived_s: float | None = None
 
     def restart(self) -> None:
         """Look for a way as soon as one is asked for."""
         self._route = None
+        self.go_on()
+
+    def go_on(self) -> None:
+        """Note that the vehicle is not there, or there no longer."""
+        self._arrived_s = None
+
+    def waits_s(self, now: float) -> float:
+        """Note that the vehicle is there; give for how long it has been."""
+        if self._arrived_s is None:
+            self._arrived_s = now
+        return now - self._arrived_s
 
     def route(self, place: Vec3, now: float, way: Callable[[bool], list[Vec3]]) -> Route:
         """Give the route to follow from here.
