@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +34,7 @@ from swarm_ctl.link.shared import SharedLink
 from swarm_ctl.mission import Mission, check_starts, load_mission
 from swarm_ctl.progress import ProgressView
 from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.resume import find_unfinished, journals_in, last_written
 from swarm_ctl.record.summary import report_lines
 from swarm_ctl.run.places import only_autopilot, pair_up
 from swarm_ctl.run.real import RealRun
@@ -84,6 +85,10 @@ def fly(
         ),
     ] = 1.0,
     out: Out = None,
+    new: Annotated[
+        bool,
+        typer.Option("--new", help="Begin a new run, also where a killed one could be taken up."),
+    ] = False,
     signing_key: SigningKey = None,
     mqtt: Mqtt = None,
 ) -> None:
@@ -92,6 +97,10 @@ def fly(
     As many vehicles fly as are connected, whatever the mission says; its
     world is not used. One that is armed already is left alone. Let
     `swarm-ctl doctor` look at the vehicles first.
+
+    Type the same command again when this one was killed: it takes its
+    vehicles over in the air, in the same run folder (the one named by --out,
+    else the newest, up to 10 minutes later).
 
     Exit status: 0 flown, 1 not flown, 2 bad input, 130 interrupted. Ctrl-C
     or SIGTERM lands everybody; a second one ends at once, and the
@@ -119,6 +128,7 @@ def fly(
         mesh=mesh,
         speed=speed,
         out=out,
+        is_new=new,
         key=key,
         broker=broker,
     )
@@ -136,6 +146,7 @@ async def _fly(
     mesh: str | None,
     speed: float,
     out: Path | None,
+    is_new: bool,
     key: bytes | None,
     broker: Broker | None,
 ) -> str:
@@ -154,16 +165,39 @@ async def _fly(
         links = [shared[url].member(sysid) for url, sysid in pair_up(urls, sysids)]
         check_starts(file, mission, [link.sysid for link in links])
         mission = mission.model_copy(update={"vehicles": len(links)})
-        folder = RunFolder.create(out, mission.name, mission.dump(), seed=mission.seed, mode="fly")
+        flown = [link.sysid for link in links]
+        folder = _open_folder(mission, flown, console, speed=speed, out=out, is_new=is_new)
         flight = RealRun(mission, folder, links, speed=speed, key=key, mesh=joined)
         flight.broker = broker
         with interrupts():
             return await _record(flight, mission, console)
 
 
+def _open_folder(
+    mission: Mission,
+    sysids: Sequence[int],
+    console: PipeConsole,
+    *,
+    speed: float,
+    out: Path | None,
+    is_new: bool,
+) -> RunFolder:
+    """Take up the run that was killed, or else begin one."""
+    resolved, utc = mission.dump(), datetime.now(UTC)
+    earlier = None if is_new else out or find_unfinished(Path("runs"), resolved, sysids, utc)
+    if earlier is None or not journals_in(earlier):
+        return RunFolder.create(
+            out, mission.name, resolved, seed=mission.seed, mode="fly", is_journaled=True
+        )
+    folder = RunFolder.reopen(earlier, resolved, sysids=sysids, speed=speed)
+    ago_s = utc.timestamp() - last_written(earlier)
+    words = f"taking up {earlier}, last written {ago_s:.0f} s ago (--new begins a new run)"
+    console.print(words, markup=False, soft_wrap=True)
+    return folder
+
+
 async def _record(flight: RealRun, mission: Mission, console: PipeConsole) -> str:
     """Fly in sight of the operator and sum up; give the outcome."""
-    began = time.monotonic()
     with ProgressView(mission, console, is_real=True) as view:
 
         def show() -> None:
@@ -179,7 +213,7 @@ async def _record(flight: RealRun, mission: Mission, console: PipeConsole) -> st
             flight.controllers,
             mode="fly",
             time_s=flight.now,
-            wall_s=time.monotonic() - began,
+            wall_s=(datetime.now(UTC) - flight.folder.started_utc).total_seconds(),
             interrupted=flight.interrupted,
             notes=flight.notes,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from collections.abc import Callable
 
 from swarm_ctl.agent.agent import Agent
 from swarm_ctl.agent.diary import Diary, distrust, resume
@@ -134,11 +135,19 @@ class Clock:
         await asyncio.sleep(max(0.0, (moment_s - self.now()) / self.speed))
 
 
-async def fly(controller: Controller, link: Link, clock: Clock, *, offset_s: float = 0.0) -> None:
+async def fly(
+    controller: Controller,
+    link: Link,
+    clock: Clock,
+    *,
+    offset_s: float = 0.0,
+    tell: Callable[[Agent, str], None] = lambda *_: None,
+) -> None:
     """Fly one vehicle over a link until its mission ends.
 
     Deadlines are absolute, so ticks do not drift; a tick that was missed is left out, so a
     process that stalled does not send a burst of stale setpoints. `offset_s` spreads vehicles.
+    Each tick, and when all is over, `tell` is told of the agent and how its vehicle is reached.
     """
     broken: list[Exception] = []
 
@@ -156,11 +165,16 @@ async def fly(controller: Controller, link: Link, clock: Clock, *, offset_s: flo
         while not controller.agent.is_ended:
             await clock.sleep_until(due_s)
             if broken:
-                raise broken[0]
+                raise broken[0]  # noqa: TRY301 - here, where this vehicle's task ends by it
             now = clock.now()
             data = controller.tick(now)
             if data:
                 link.send(data)
+            tell(controller.agent, link.reach())
             due_s += TICK_S * max(1, 1 + int((now - due_s) / TICK_S))
+    except Exception:
+        link.send(controller.agent.standstill())  # its last word: it would fly on for a while
+        raise
     finally:
+        tell(controller.agent, "")
         link.close()

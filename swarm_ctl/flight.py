@@ -136,6 +136,9 @@ def finish(
     flown = any(controller.agent.explored_from_s is not None for controller in controllers)
     ended = any(controller.agent.phase is Phase.DONE for controller in controllers)
     outcome: Literal["flown", "interrupted", "failed"] = "flown" if flown and ended else "failed"
+    if folder.resumed_s is not None:
+        words = f"taken up after a restart at {folder.resumed_s:.0f} s; run_sha256 begins there"
+        notes = [words, *notes]
     resolved, is_real = mission.dump(), mode == "fly"
     if is_real:
         resolved |= {"world": None, **_flown_by(controllers)}

@@ -145,6 +145,11 @@ class Gatekeeper:
         self._signer = Signer(key, timestamp - int(now * UNITS_1_S)) if has_key else None
         self.advance(now)
 
+    @property
+    def timestamp(self) -> int:
+        """The latest timestamp that was sent or accepted; 0 without a key."""
+        return 0 if self._signer is None else self._signer.timestamp
+
     def advance(self, now: float) -> None:
         """Let the time of signatures follow the clock."""
         if self._signer is not None:

@@ -405,7 +405,8 @@ class Agent:
             self.commands.request(command(commands.REQUEST_MESSAGE, _ORIGIN_ID))
             origin = self.frame.origin_to_tell
             frames += [] if origin is None else [sender.origin(origin)]
-        is_known = self.telemetry.autopilot is not None and not self.vigil.distrust
+        has_place = self.telemetry.position_s > -math.inf and not self.vigil.distrust
+        is_known = self.telemetry.autopilot is not None and has_place
         if now >= self._next_beacon_s and is_known:
             self._next_beacon_s = now + beacons.PERIOD_S
             payload = beacons.encode(self._beacon())

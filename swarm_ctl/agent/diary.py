@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from swarm_ctl.agent.phases import Phase
+from swarm_ctl.autopilot.telemetry import AUTOPILOTS
 from swarm_ctl.explore.explorer import WrittenOff
 from swarm_ctl.explore.trails import START
 from swarm_ctl.frames import Geodetic
@@ -114,6 +115,9 @@ def resume(
     agent.now = agent.entered_s = agent.telemetry.heard_s = now
     agent.vigil.lost_from = Phase(state["lost_from"] or phase)
     agent.phase = phase if phase in _AS_BEFORE else Phase.LOST
+    if agent.is_ended:  # nobody will ask any more what it was
+        named = (pilot for pilot in AUTOPILOTS.values() if pilot.name == state["autopilot"])
+        agent.telemetry.autopilot = next(named, None)
     if agent.phase is Phase.LOST:
         agent.reason = f"its controller was away for {away_s:.1f} s"
     diary.wait()

@@ -25,5 +25,8 @@ class Link(Protocol):
     def send(self, data: bytes, to: Source | None = None) -> bool:
         """Send, to who called last when none is named; False when it did not leave."""
 
+    def reach(self) -> str:
+        """Give an address by which another process reaches the vehicle; empty if none can."""
+
     def close(self) -> None:
         """Hear and send nothing any more."""

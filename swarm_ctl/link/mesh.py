@@ -120,6 +120,10 @@ class MeshedLink:
         if data and self._heard is not None:
             self._heard(data, MESH)
 
+    def reach(self) -> str:
+        """Give an address by which another process reaches the vehicle; empty if none can."""
+        return self._link.reach()
+
     def close(self) -> None:
         """Hear nothing any more; the mesh stays open for the others."""
         self._mesh.leave(self)

@@ -36,6 +36,10 @@ class SerialLink(StreamLink):
         except _ERRORS as error:
             raise SwarmError(f"{url}: {_words(error)}") from None
 
+    def reach(self) -> str:
+        """Give the port, which another process may open while nobody has it."""
+        return f"serial://{self._device}:{self._baud}"
+
     def _open(self) -> None:
         import serial  # noqa: PLC0415 - an extra
 

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 from swarm_ctl import wire
-from swarm_ctl.link.base import Heard, Link, Source
+from swarm_ctl.link.base import STREAM, Heard, Link, Source
+from swarm_ctl.link.udp import reach_udp
 from swarm_ctl.link.url import parse
 
 AUTOPILOT_COMPONENT, COMPANION_COMPONENT, NO_AUTOPILOT = 1, 191, 8
@@ -110,6 +111,12 @@ class Member:
         """Send to where the vehicle speaks from; before it has spoken, where the address leads."""
         to = to or self.source
         return (to is not None or not self.shared.is_listening) and self.shared.link.send(data, to)
+
+    def reach(self) -> str:
+        """Give an address by which another process reaches the vehicle; empty if none can."""
+        if self.source is None or self.source == STREAM:
+            return self.shared.link.reach()
+        return reach_udp(self.source)
 
     def close(self) -> None:
         """Hear nothing any more; the link stays open for the others."""

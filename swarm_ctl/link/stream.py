@@ -42,6 +42,10 @@ class StreamLink:
         self._unsent = data[done:] if done else b""
         return done > 0
 
+    def reach(self) -> str:
+        """Give nothing: most who are connected to hear one client alone."""
+        return ""
+
     def close(self) -> None:
         """Disconnect, and stay so."""
         if self._timer is not None:

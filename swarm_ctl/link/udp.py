@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import zlib
 
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.link.base import Heard, Source
@@ -13,6 +14,8 @@ DATAGRAM_BYTES = 2048
 """Larger than any datagram a vehicle sends; a small buffer is several times faster to receive."""
 BUFFER_BYTES = 1 << 18
 MOST_PER_WAKE_UP = 64
+FIRST_LOCAL, LOCAL_PORTS = 10_000, 4_000
+"""Where ports are taken to speak from: below those that systems and simulators give."""
 
 
 class UdpLink:
@@ -39,13 +42,23 @@ class UdpLink:
             raise SwarmError(f"{url}: {getattr(error, 'strerror', None) or error}") from None
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        if not self._is_listening:
+            self._peer = address
+            self._bind_as_before(address)
+            return
         try:
-            self._socket.bind(address if self._is_listening else ("", 0))
+            self._socket.bind(address)
         except OSError as error:
             self._socket.close()
             raise SwarmError(f"{url}: {error.strerror or error}") from None
-        if not self._is_listening:
-            self._peer = address
+
+    def _bind_as_before(self, address: Source) -> None:
+        """Speak from the same port whenever it is free: PX4 answers who spoke first, for good."""
+        port = FIRST_LOCAL + zlib.crc32(f"{address}".encode()) % LOCAL_PORTS
+        try:
+            self._socket.bind(("", port))
+        except OSError:
+            self._socket.bind(("", 0))
 
     def fileno(self) -> int:
         """Give the descriptor of the socket, -1 when it is closed."""
@@ -81,6 +94,10 @@ class UdpLink:
             self._peer = arrived[-1][1]
         return arrived
 
+    def reach(self) -> str:
+        """Give the address that another process reaches who is spoken to by."""
+        return reach_udp(self._peer) if self._peer else ""
+
     def close(self) -> None:
         """Close the socket."""
         if self._loop is not None:
@@ -91,3 +108,8 @@ class UdpLink:
     def _read(self, heard: Heard) -> None:
         for data, sender in self.drain():
             heard(data, sender)
+
+
+def reach_udp(source: Source) -> str:
+    """Write down how who spoke from somewhere is reached."""
+    return f"udpout://{source[0]}:{source[1]}"

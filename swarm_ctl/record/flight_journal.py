@@ -96,7 +96,9 @@ class FlightJournal:
             self.fault = error.strerror or str(error)
 
     def sync(self) -> None:
-        """Wait until the disk has it; may be called in another thread."""
+        """Wait until the disk has it, in another thread if wanted; OSError if it never will."""
+        if self.fault:
+            raise OSError(None, self.fault, str(self.path))
         if not self._is_synced:
             self._is_synced = True
             os.fsync(self._file)

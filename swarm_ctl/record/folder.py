@@ -19,10 +19,9 @@ from swarm_ctl.errors import SwarmError
 from swarm_ctl.record.flight_journal import FlightJournal, Story, read_flight_journal
 from swarm_ctl.record.journal import Journal
 from swarm_ctl.record.paths import PathRecorder, write_paths
+from swarm_ctl.record.resume import JOURNALS, head_of, journals_in, unfinished_run
 from swarm_ctl.record.tlog import EPOCH_S, FLUSH_S, TlogWriter
 
-UNFINISHED_S = 600.0
-"""A run that was killed longer ago is over: its vehicles are down."""
 PATHS_S = 10.0
 """Mission time between two writings of `paths.json`."""
 
@@ -93,7 +92,7 @@ class RunFolder:
         (path / "mission.json").write_text(text + "\n", encoding="utf-8")
         (path / "tlogs").mkdir()
         if is_journaled:
-            (path / "journals").mkdir()
+            (path / JOURNALS).mkdir()
         journal = Journal(
             path / "events.jsonl",
             event="RunStarted",
@@ -104,22 +103,25 @@ class RunFolder:
             swarm_ctl=swarm_ctl.__version__,
         )
         epoch_s = EPOCH_S if mode == "virtual" else utc.timestamp()
-        return cls(path, journal, epoch_s=epoch_s, head=_head(resolved) if is_journaled else None)
+        return cls(path, journal, epoch_s=epoch_s, head=head_of(resolved) if is_journaled else None)
 
     @classmethod
-    def reopen(cls, path: Path, resolved: Mapping[str, Any], *, speed: float = 1.0) -> Self:
+    def reopen(
+        cls,
+        path: Path,
+        resolved: Mapping[str, Any],
+        *,
+        sysids: Iterable[int] | None = None,
+        speed: float = 1.0,
+    ) -> Self:
         """Go on with a journaled run that was killed: all that was recorded stays and is added to.
 
         Mission time has gone on since the last line, `speed` times as fast as the clock. Raises
         SwarmError when the run is another one, has ended, or is being flown.
         """
         path = path.absolute()
-        started = read_started(path)
-        if started["mission"] != json.loads(json.dumps(resolved)):
-            raise SwarmError(f"{path}: is the run of another mission")
-        if (path / "summary.json").exists():
-            raise SwarmError(f"{path}: this run has ended; name a new folder")
-        head = _head(resolved)
+        started = unfinished_run(path, resolved, sysids)
+        head = head_of(resolved)
         stories = {
             sysid: read_flight_journal(file, {**head, "sysid": sysid})
             for sysid, file in journals_in(path).items()
@@ -158,7 +160,7 @@ class RunFolder:
         if self._head is None:
             return None
         if sysid not in self._flight_journals:
-            file = self.path / "journals" / f"vehicle-{sysid:03d}.jsonl"
+            file = self.path / JOURNALS / f"vehicle-{sysid:03d}.jsonl"
             story = self._stories.get(sysid)
             if story and story.fault and file.exists():
                 file.rename(_unused(file.with_suffix(".broken")))
@@ -222,47 +224,6 @@ class RunFolder:
 
     def _write_paths(self) -> None:
         write_paths(self.path / "paths.json", (self._paths[sysid] for sysid in sorted(self._paths)))
-
-
-def unfinished(
-    runs: Path, resolved: Mapping[str, Any], sysids: Iterable[int], utc: datetime
-) -> Path | None:
-    """Find the newest run of a mission with these vehicles that was killed a short while ago."""
-    wanted = sorted(sysids)
-    for path in sorted(runs.glob(f"{resolved['name']}-*"), key=_last_written, reverse=True):
-        if utc.timestamp() - _last_written(path) > UNFINISHED_S:
-            break
-        with contextlib.suppress(SwarmError):
-            is_it = read_started(path)["mission"] == json.loads(json.dumps(resolved))
-            if is_it and sorted(journals_in(path)) == wanted:
-                return None if (path / "summary.json").exists() else path
-    return None
-
-
-def read_started(path: Path) -> dict[str, Any]:
-    """Read how a run began; SwarmError when the folder holds none."""
-    try:
-        started = json.loads((path / "mission.json").read_text("utf-8"))
-        return {key: started[key] for key in ("mission", "started_utc")}
-    except (OSError, ValueError, KeyError, TypeError):
-        raise SwarmError(f"{path}: holds no run that could be taken up") from None
-
-
-def journals_in(path: Path) -> dict[int, Path]:
-    """Give the journals of a run's controllers by sysid."""
-    files = (path / "journals").glob("vehicle-*.jsonl")
-    return {int(file.stem.removeprefix("vehicle-")): file for file in sorted(files)}
-
-
-def _last_written(path: Path) -> float:
-    return max((file.stat().st_mtime for file in journals_in(path).values()), default=0.0)
-
-
-def _head(resolved: Mapping[str, Any]) -> dict[str, Any]:
-    """Say in a journal's first line whose mission it is of."""
-    text = json.dumps(dict(resolved), sort_keys=True)
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    return {"mission": resolved["name"], "mission_sha256": digest, "seed": resolved["seed"]}
 
 
 def _make(path: Path) -> Path:

@@ -9,6 +9,7 @@ import signal
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from typing import Any
 
+from swarm_ctl.agent.agent import Agent
 from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.bus.orders import OrderDesk, Outcome
 from swarm_ctl.controller import Clock, Controller, fly
@@ -17,6 +18,8 @@ from swarm_ctl.model import Operator
 from swarm_ctl.record.folder import RunFolder
 
 REPORT_S = 0.25
+SYNC_S = 1.0
+"""Wall time; what a power failure may take of the journals."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TWICE = "interrupted twice: ended without waiting for the landings"
 
@@ -34,6 +37,8 @@ class Fleet:
         self.interrupted = False
         self.broker: Broker | None = None
         """Where orders over MQTT come from, if they do."""
+        self.tell: Callable[[Agent, str], None] = lambda *_: None
+        """Is told of every vehicle each tick, and how it is reached."""
 
     @property
     def now(self) -> float:
@@ -62,9 +67,8 @@ class Fleet:
         gc.freeze()  # a collection of everything would hold up the setpoints
         self.clock = Clock(self.clock.speed, self.folder.now(self.clock.speed))
         async with asyncio.TaskGroup() as group:
-            tasks = [
-                group.create_task(work) for work in (self._report(progress), *aside, *self._bus())
-            ]
+            works = (self._report(progress), self._sync(), *aside, *self._bus())
+            tasks = [group.create_task(work) for work in works]
             await self._fly_all(links)
             for task in tasks:
                 task.cancel()
@@ -93,7 +97,7 @@ class Fleet:
         """Fly one vehicle; whatever breaks in it stays with it."""
         offset_s = 0.1 * controller.index / len(self.controllers)
         try:
-            await fly(controller, link, self.clock, offset_s=offset_s)
+            await fly(controller, link, self.clock, offset_s=offset_s, tell=self.tell)
         except Exception as error:  # noqa: BLE001 - one vehicle never stops another
             controller.break_down(error, self.now)
 
@@ -116,13 +120,25 @@ class Fleet:
             controller.break_down(error, self.now)
             return False
 
+    async def _sync(self) -> None:
+        """Let the disk have the journals once a second, for a power failure."""
+        while True:
+            await asyncio.sleep(SYNC_S)
+            try:
+                await asyncio.to_thread(self.folder.sync)
+            except OSError as error:  # after which a restart lands its vehicle
+                self._note_unwritten(error)
+
+    def _note_unwritten(self, error: OSError) -> None:
+        note = f"not everything could be written: {error.strerror or error}"
+        if note not in self.notes:
+            self.notes.append(note)
+
     async def _report(self, progress: Callable[[], None]) -> None:
         while True:
             try:
                 self.folder.tick(self.now)
                 progress()
             except OSError as error:  # a full disk, a terminal that is gone: no reason to fall
-                note = f"not everything could be written: {error.strerror or error}"
-                if note not in self.notes:
-                    self.notes.append(note)
+                self._note_unwritten(error)
             await asyncio.sleep(REPORT_S)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
 
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.controller import TICK_S, Controller
@@ -13,7 +12,9 @@ from swarm_ctl.link.mesh import Mesh
 from swarm_ctl.link.shared import Member
 from swarm_ctl.mission import Mission
 from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.resume import JOURNALS
 from swarm_ctl.run.fleet import Fleet
+from swarm_ctl.run.guard import Guard
 from swarm_ctl.run.places import HEARD_S, unheard
 
 START_S = 3.0
@@ -46,33 +47,40 @@ class RealRun(Fleet):
         """A sentence for every vehicle that was found."""
         self._links = links
         self._mesh = mesh
+        self._key = key
         if key is not None:
-            sign_with(key, self.controllers, datetime.now(UTC))
+            sign_with(key, self.controllers, folder.started_utc)
 
     async def fly(self, progress: Callable[[], None]) -> None:
         """Fly every vehicle until its mission ends, one way or the other."""
         links: Sequence[Link] = self._links
         if self._mesh is not None:
             links = [self._mesh.join(link, link.sysid) for link in self._links]
-        with self.interruptible():
+        journals = self.folder.path / JOURNALS
+        with (
+            self.interruptible(),
+            Guard(journals, speed=self.clock.speed, key=self._key) as guard,
+        ):
+            self.tell = guard.tell
             await self.fly_over(links, progress, [self._find()])
         if self._mesh is not None and self._mesh.refused:
             self.notes.append(f"{self._mesh.refused} datagrams on the mesh were no companion's")
 
     async def _find(self) -> None:
         """Say who is there, and give up on who is not heard in time."""
+        until_s = self.now + HEARD_S
         waiting = list(zip(self.controllers, self._links, strict=True))
         while waiting:
-            waiting = [pair for pair in waiting if not self._is_settled(*pair)]
+            waiting = [pair for pair in waiting if not self._is_settled(*pair, until_s)]
             await self.clock.sleep_until(self.now + TICK_S)
 
-    def _is_settled(self, controller: Controller, link: Member) -> bool:
+    def _is_settled(self, controller: Controller, link: Member, until_s: float) -> bool:
         agent = controller.agent
         if agent.telemetry.autopilot is not None:
             if agent.telemetry.battery_fraction is not None or agent.phase not in WAITING:
                 self.found.append(portrait(controller, link))
                 return True
-        elif self.now > HEARD_S and (link.source is None or agent.sender.gate.refused):
+        elif self.now > until_s and (link.source is None or agent.sender.gate.refused):
             controller.kill(unheard(link), self.now)
         return agent.is_ended
 

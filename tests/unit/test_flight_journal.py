@@ -16,8 +16,9 @@ from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Vec3
 from swarm_ctl.record import flight_journal
 from swarm_ctl.record.flight_journal import FlightJournal, Story, read_flight_journal
-from swarm_ctl.record.folder import RunFolder, unfinished
+from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.paths import PathRecorder
+from swarm_ctl.record.resume import find_unfinished
 from swarm_ctl.record.tlog import TlogWriter
 
 HEAD = {"mission": "hall", "sysid": 3}
@@ -149,12 +150,12 @@ def test_a_run_that_was_killed_is_found_by_its_mission_and_vehicles(create: Crea
     folder = create()
     folder.close()
     runs, now = folder.path.parent, datetime.now(UTC)
-    assert unfinished(runs, RESOLVED, [2, 1], now) == folder.path
-    assert unfinished(runs, RESOLVED, [1, 2, 3], now) is None
-    assert unfinished(runs, {**RESOLVED, "seed": 2}, [1, 2], now) is None
-    assert unfinished(runs, RESOLVED, [1, 2], now + timedelta(minutes=11)) is None
+    assert find_unfinished(runs, RESOLVED, [2, 1], now) == folder.path
+    assert find_unfinished(runs, RESOLVED, [1, 2, 3], now) is None
+    assert find_unfinished(runs, {**RESOLVED, "seed": 2}, [1, 2], now) is None
+    assert find_unfinished(runs, RESOLVED, [1, 2], now + timedelta(minutes=11)) is None
     (folder.path / "summary.json").write_text("{}")
-    assert unfinished(runs, RESOLVED, [1, 2], now) is None
+    assert find_unfinished(runs, RESOLVED, [1, 2], now) is None
 
 
 def test_only_a_run_of_the_same_mission_that_has_not_ended_is_taken_up(create: Create) -> None:
@@ -162,6 +163,8 @@ def test_only_a_run_of_the_same_mission_that_has_not_ended_is_taken_up(create: C
     folder.close()
     with pytest.raises(SwarmError, match="another mission"):
         RunFolder.reopen(folder.path, {**RESOLVED, "seed": 2})
+    with pytest.raises(SwarmError, match="other vehicles"):
+        RunFolder.reopen(folder.path, RESOLVED, sysids=[1, 2, 3])
     with pytest.raises(SwarmError, match="holds no run"):
         RunFolder.reopen(folder.path.parent, RESOLVED)
     (folder.path / "summary.json").write_text("{}")

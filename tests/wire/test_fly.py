@@ -327,7 +327,8 @@ def test_the_record_tells_what_the_vehicle_knew_and_no_more(
     assert summary["path_length_m"] > 2.0
     assert summary["notes"] == []
     assert {path.name for path in shell.out.iterdir()} == {
-        *("mission.json", "events.jsonl", "tlogs", "paths.json", "paths.png", "summary.json")
+        *("mission.json", "events.jsonl", "journals", "tlogs", "paths.json", "paths.png"),
+        "summary.json",
     }
     assert json.loads((shell.out / "mission.json").read_text())["mode"] == "fly"
 

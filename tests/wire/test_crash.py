@@ -1,0 +1,151 @@
+"""`swarm-ctl fly` is killed in flight and typed again: processes, sockets, signals, files."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from halls import write_hall
+from mock_process import Mock
+
+from swarm_ctl.record.flight_journal import read_flight_journal
+from swarm_ctl.record.resume import journals_in
+
+pytestmark = pytest.mark.wire
+
+SPEED = 2
+PATIENCE_S = 30.0
+EXPLORE = {
+    "kind": "explore",
+    "footprint_m": 0.5,
+    "avoid_distance_m": 0.7,
+}
+
+
+class Pad:
+    """A mock fleet in a process, and a user who flies it and kills what he has started."""
+
+    def __init__(self, folder: Path, vehicles: int, autopilot: str, **changes: Any) -> None:
+        flight = {"height_m": 1.5, "climb_m_s": 1.0}
+        mission = {"planner": EXPLORE, "flight": flight, "duration_s": 12.0, **changes}
+        self.mission = write_hall(folder, mission)
+        self.folder, self.out = folder, folder / "run"
+        words = ("--vehicles", vehicles, "--autopilot", autopilot, "--speed", SPEED)
+        rest = ("--port", 0, "--rates", "lean", "--out", folder / "truth", "--json")
+        self.mock = Mock(folder / "world.yaml", *words, *rest)
+        self.ports: list[int] = self.mock.line()["ready"]["ports"]
+        self.processes: list[subprocess.Popen[str]] = []
+
+    def fly(self, *options: object, out: bool = True) -> subprocess.Popen[str]:
+        """Type the command."""
+        words: list[object] = ["-m", "swarm_ctl", "fly", self.mission, "--sysid", 1]
+        words += [
+            word for port in self.ports for word in ("--connect", f"udpout://127.0.0.1:{port}")
+        ]
+        words += ["--speed", SPEED, *(("--out", self.out) if out else ()), *options]
+        self.processes.append(
+            subprocess.Popen(
+                [sys.executable, *map(str, words)],
+                cwd=self.folder,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,
+            )
+        )
+        return self.processes[-1]
+
+    def kill(self) -> None:
+        """Kill the whole process group, as a service manager would; no word is said."""
+        os.killpg(self.processes[-1].pid, signal.SIGKILL)
+        self.processes[-1].communicate()
+
+    def state(self, sysid: int) -> dict[str, Any]:
+        """Give what a controller has written last of everything."""
+        file = self.out / "journals" / f"vehicle-{sysid:03d}.jsonl"
+        state: dict[str, Any] = {}
+        for page in read_flight_journal(file, {}).pages:
+            state |= page
+        return state
+
+    def wait_for(self, is_so: Callable[[], bool]) -> None:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not is_so():
+            assert time.monotonic() < deadline_s, [
+                self.state(one + 1) for one in range(len(self.ports))
+            ]
+            assert self.processes[-1].poll() is None, self.processes[-1].communicate()
+            time.sleep(0.02)  # noqa: TID251 - another process is watched
+
+    def all_in(self, *phases: str) -> bool:
+        return all(
+            self.state(sysid).get("phase") in phases for sysid in range(1, len(self.ports) + 1)
+        )
+
+    def has_explored(self, seconds: float) -> bool:
+        state = self.state(1)
+        begun_s = state.get("explored_from_s")
+        return begun_s is not None and state["time_s"] > begun_s + seconds
+
+    def truth(self) -> dict[str, Any]:
+        """End the mock and read what its referee saw."""
+        self.mock.wait()
+        return dict(json.loads((self.folder / "truth" / "truth.json").read_text()))
+
+
+@pytest.fixture
+def pad(tmp_path: Path) -> Iterator[Callable[..., Pad]]:
+    pads: list[Pad] = []
+
+    def build(vehicles: int = 2, autopilot: str = "mixed", **changes: Any) -> Pad:
+        pads.append(Pad(tmp_path, vehicles, autopilot, **changes))
+        return pads[-1]
+
+    yield build
+    for one in pads:
+        for process in one.processes:
+            process.kill()
+            process.communicate()
+        one.mock.end()
+
+
+Build = Callable[..., Pad]
+
+
+def test_a_mission_survives_two_kills(pad: Build) -> None:
+    field = pad(3)
+    field.fly()
+    for flown_s in (2.0, 7.0):
+        field.wait_for(lambda flown_s=flown_s: field.has_explored(flown_s))  # type: ignore[misc]
+        before = {file: file.read_bytes() for file in record(field.out)}
+        field.kill()
+        whole = {file: file.read_bytes() for file in record(field.out)}
+        assert all(whole[file].startswith(data) for file, data in before.items())
+        field.fly()
+        field.wait_for(lambda: field.all_in("holding", "exploring"))
+        assert all(file.read_bytes().startswith(data) for file, data in whole.items())
+    said, complained = field.processes[-1].communicate(timeout=PATIENCE_S)
+    assert field.processes[-1].returncode == 0, said + complained
+    assert complained == ""
+    assert "taking up" in said
+    summary = json.loads((field.out / "summary.json").read_text())
+    assert [(one["phase"], one["reason"]) for one in summary["per_vehicle"]] == [("done", "")] * 3
+    assert summary["exploration_s"] == pytest.approx(12.0, abs=3.0)
+    truth = field.truth()
+    assert truth["collisions"] == 0
+    for sysid, file in journals_in(field.out).items():
+        story = read_flight_journal(file, {"sysid": sysid})
+        assert (story.fault, story.restarts) == ("", 2)
+
+
+def record(out: Path) -> list[Path]:
+    return [*out.glob("journals/*"), *out.glob("tlogs/*"), out / "events.jsonl"]
