@@ -152,9 +152,10 @@ def test_a_successor_takes_the_vehicle_over_and_explores_on(
 
 
 def test_a_vehicle_in_the_failsafe_of_its_autopilot_is_taken_over_as_well(begin: Begin) -> None:
-    flight = exploring(begin, vehicles=1, autopilot="px4", duration_s=40.0)
+    height = {"height_m": 3.0}  # it sinks
+    flight = exploring(begin, vehicles=1, autopilot="px4", duration_s=40.0, flight=height)
     flight.is_guarded = False
-    flight.kill(away_s=2.5)
+    flight.kill(away_s=1.5)
     assert flight.arena.fleet.vehicles[0].autopilot.in_failsafe  # type: ignore[attr-defined]
     flight.restart()
     flight.fly_until(lambda: flight.all_in(*EXPLORES), within_s=10)
