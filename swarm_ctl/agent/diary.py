@@ -119,7 +119,6 @@ def resume(
         named = (pilot for pilot in AUTOPILOTS.values() if pilot.name == state["autopilot"])
         agent.telemetry.autopilot = next(named, None)
     if agent.phase is Phase.LOST:
-        agent.telemetry.armed = True  # until its heartbeat says otherwise
         agent.reason = f"its controller was away for {away_s:.1f} s"
     diary.wait()
     agent.note("ControllerRestarted", phase=phase.value, away_s=round(away_s, 1))
@@ -134,7 +133,6 @@ def distrust(agent: Agent, why: str, now: float) -> Diary:
     agent.now = agent.entered_s = agent.telemetry.heard_s = now
     agent.phase, agent.vigil.lost_from = Phase.LOST, None if why else Phase.ARMING
     agent.reason = agent.vigil.distrust = why or "its journal says nothing of the flight"
-    agent.telemetry.armed = True  # until its heartbeat says otherwise
     diary = Diary(agent)
     diary.wait()
     agent.note("JournalUnusable", reason=agent.reason)

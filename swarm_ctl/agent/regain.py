@@ -23,8 +23,6 @@ _CLIMBING = frozenset({Phase.ARMING, Phase.TAKEOFF})
 
 def heard_again(agent: Agent) -> Verdict | None:
     """Judge how a vehicle goes on whose heartbeat is back; None while it is too early to tell."""
-    if agent.telemetry.autopilot is None:
-        return None
     if not agent.telemetry.armed:
         return _on_ground(agent)
     if not _is_ours(agent):
