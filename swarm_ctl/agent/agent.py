@@ -25,13 +25,9 @@ from swarm_ctl.agent.sender import Sender
 from swarm_ctl.agent.sharing import Sharing
 from swarm_ctl.agent.watch import TIME_OVER, Vigil, missing, watch
 from swarm_ctl.autopilot import command as commands
+from swarm_ctl.autopilot.base import COMPANION_COMPONENT
 from swarm_ctl.autopilot.command import Answer, Command, CommandQueue, command
-from swarm_ctl.autopilot.telemetry import (
-    COMPANION_COMPONENT,
-    SCAN_HZ,
-    SUBSCRIBED,
-    Telemetry,
-)
+from swarm_ctl.autopilot.telemetry import SCAN_HZ, SUBSCRIBED, Telemetry
 from swarm_ctl.explore.explorer import Explorer, make_planner
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
@@ -366,7 +362,11 @@ class Agent:
             sharing.see(telemetry.scan_m, telemetry.position_ned_m, peers_m)
 
     def _answered(self, answer: Answer | None) -> None:
-        if answer is None or answer.is_accepted or answer.command.id in commands.ASIDE:
+        if answer is None or answer.is_accepted:
+            return
+        if answer.command.id == commands.SET_MESSAGE_INTERVAL and answer.result is not None:
+            self.telemetry.streams.refused(answer.command, self.now)
+        if answer.command.id in commands.ASIDE:
             return
         if answer.is_in_progress:
             self.note("CommandProgress", command=answer.command.id, percent=answer.progress)

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from swarm_ctl.agent.phases import Phase
-from swarm_ctl.autopilot.telemetry import AUTOPILOTS
+from swarm_ctl.autopilot.status import AUTOPILOTS
 from swarm_ctl.explore.explorer import WrittenOff
 from swarm_ctl.explore.trails import START
 from swarm_ctl.frames import Geodetic

@@ -150,6 +150,8 @@ def land(agent: Agent) -> Vec3 | None:
         agent.enter(Cause.DISARMED, HAS_LANDED)
     elif agent.in_phase_s > LANDING_S:
         agent.enter(Cause.FAULT, f"did not land within {LANDING_S:.0f} s")
+    elif telemetry.heartbeat_s < telemetry.mode_changed_s:
+        return None  # PX4 leaves the mode by itself when it has disarmed
     elif pilot and telemetry.custom_mode != pilot.land_mode and agent.is_time_to_ask:
         agent.ask(command(commands.NAV_LAND))
     return None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from swarm_ctl import wire
 from swarm_ctl.agent.phases import STEERING, Cause, Phase
 from swarm_ctl.autopilot import command as commands
-from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
+from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.model import Operator
 
 if TYPE_CHECKING:

@@ -6,10 +6,9 @@ import math
 
 from swarm_ctl import wire
 from swarm_ctl.agent.orders import Ack
-from swarm_ctl.autopilot.base import Autopilot
+from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT, Autopilot
 from swarm_ctl.autopilot.command import Command
 from swarm_ctl.autopilot.setpoints import Target
-from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.frames import Geodetic, turn, wrap_rad
 from swarm_ctl.model import ZERO, Setpoint
 from swarm_ctl.signing import Gatekeeper

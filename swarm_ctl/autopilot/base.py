@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+AUTOPILOT_COMPONENT = 1
+RADIO_COMPONENT = 68
+COMPANION_COMPONENT = 191
+"""MAV_COMPONENT of an autopilot, a telemetry radio, and a companion computer, which we are."""
 ARMED_FLAG = 0x80
 """MAV_MODE_FLAG_SAFETY_ARMED."""
 CUSTOM_MODE_FLAG = 1.0

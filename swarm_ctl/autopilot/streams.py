@@ -10,6 +10,8 @@ from swarm_ctl.autopilot.command import SET_MESSAGE_INTERVAL, Command, command
 
 STALE_S, STALE_PERIODS = 2.0, 3.0
 """A stream has stopped when it was not heard for so long, or for so many of its periods."""
+REFUSED_S = 30.0
+"""How long a message that was refused is not asked for; ArduPilot complains of each request."""
 AGAIN_S = 2.0
 """Between two requests; autopilots answer within milliseconds, slow links take their time."""
 
@@ -21,6 +23,7 @@ class Streams:
         self._rates_hz: dict[str, float] = {}
         self._heard_s: dict[int, float] = {}
         self._asked: set[str] = set()
+        self._refused_s: dict[str, float] = {}
         self._next_s = -math.inf
 
     def want(self, rates_hz: Mapping[str, float]) -> None:
@@ -30,6 +33,10 @@ class Streams:
     def heard(self, number: int, now: float) -> None:
         """Note a message by its id."""
         self._heard_s[number] = now
+
+    def refused(self, wanted: Command, now: float) -> None:
+        """Note that a request was refused: the autopilot does not know the message, or not yet."""
+        self._refused_s[wire.message(int(wanted.parameters[0])).name] = now
 
     def missing(self, now: float) -> list[str]:
         """Name the wanted messages that do not flow, or no longer."""
@@ -47,11 +54,15 @@ class Streams:
         if now < self._next_s:
             return []
         fresh = [name for name in self._rates_hz if name not in self._asked]
-        names = dict.fromkeys([*fresh, *self.missing(now)] if starts else self.lost(now))
+        asks = dict.fromkeys([*fresh, *self.missing(now)] if starts else self.lost(now))
+        names = [name for name in asks if self._may_ask(name, now)]
         if names:
             self._next_s = now + AGAIN_S
         self._asked.update(names)
         return [self._request(name) for name in names]
+
+    def _may_ask(self, name: str, now: float) -> bool:
+        return now - self._refused_s.get(name, -math.inf) > REFUSED_S
 
     def _is_silent(self, name: str, now: float) -> bool:
         patience_s = max(STALE_S, STALE_PERIODS / self._rates_hz[name])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from swarm_ctl import wire
-from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
+from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.doctor.patient import BEAT, HEARTBEAT_S, NO_AUTOPILOT, Patient
 from swarm_ctl.mission import Mission
 from swarm_ctl.signing import Gatekeeper

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from swarm_ctl import wire
+from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.autopilot.command import (
     REQUEST_MESSAGE,
     RUN_PREARM_CHECKS,
@@ -12,7 +13,7 @@ from swarm_ctl.autopilot.command import (
     CommandQueue,
     command,
 )
-from swarm_ctl.autopilot.telemetry import AUTOPILOT_COMPONENT, COMPANION_COMPONENT, SCAN_HZ
+from swarm_ctl.autopilot.telemetry import SCAN_HZ
 from swarm_ctl.doctor import ardupilot, px4
 from swarm_ctl.doctor.chart import Chart
 from swarm_ctl.doctor.parameters import Parameters

@@ -12,9 +12,8 @@ from swarm_ctl.agent.agent import Agent, Orders
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.ardupilot import ARDUPILOT
-from swarm_ctl.autopilot.base import Autopilot
+from swarm_ctl.autopilot.base import COMPANION_COMPONENT, Autopilot
 from swarm_ctl.autopilot.px4 import PX4
-from swarm_ctl.autopilot.telemetry import COMPANION_COMPONENT
 from swarm_ctl.mission import load_mission
 
 PILOTS = {pilot.name: pilot for pilot in (PX4, ARDUPILOT)}

@@ -13,8 +13,8 @@ from transcript import Said, Script, scripts
 
 from swarm_ctl import wire
 from swarm_ctl.agent.agent import Agent
+from swarm_ctl.autopilot.base import COMPANION_COMPONENT
 from swarm_ctl.autopilot.command import ASIDE, COMMAND_NAMES, command
-from swarm_ctl.autopilot.telemetry import COMPANION_COMPONENT
 
 SCRIPTS = {script.name: script for script in scripts()}
 ASKED = ("COMMAND_LONG", "COMMAND_INT")

@@ -12,6 +12,8 @@ from airborne import EXPLORES, PILOTS, SETPOINT, TICK_S, Airborne
 from transcript import FAILSAFES
 
 from swarm_ctl.agent.phases import Phase
+from swarm_ctl.autopilot.px4 import PX4
+from swarm_ctl.model import Operator
 
 CASES: dict[str, Any] = {case["case"]: case for case in json.loads(FAILSAFES.read_text("utf-8"))}
 REPEAT_S, AFTER_S = 1.0, 8.0
@@ -127,3 +129,24 @@ def test_ardupilot_is_left_alone_at_once(tmp_path: Path, name: str) -> None:
     told_s = next(at_s for at_s, v in beats if v["custom_mode"] != 4)
     assert replay.left_s is not None
     assert replay.left_s - replay.begun_s - told_s < 2 * TICK_S
+
+
+def test_a_px4_that_has_landed_is_not_told_to_land_again(tmp_path: Path) -> None:
+    flight = Airborne(tmp_path, PX4)  # reference/px4/flight_basic.tlog, 55 s: the mode goes first
+    flight.agent.order(Operator.LAND, flight.now)
+    flight.tick()
+    landing = {"custom_mode": PX4.land_mode, "intended_custom_mode": PX4.land_mode}
+    offboard = {"custom_mode": PX4.offboard_mode, "intended_custom_mode": PX4.offboard_mode}
+    for _ in range(30):
+        flight.say("CURRENT_MODE", **landing)
+        flight.say("HEARTBEAT", autopilot=12, base_mode=157, custom_mode=PX4.land_mode)
+        flight.tick(0.0)
+    landed_s = flight.now
+    for _ in range(8):
+        flight.say("CURRENT_MODE", **offboard)
+        flight.tick(0.0)
+    flight.say("HEARTBEAT", autopilot=12, base_mode=17, custom_mode=PX4.offboard_mode)
+    flight.tick(0.0)
+    assert flight.agent.phase is Phase.DONE
+    assert "landing" in flight.sent_since(0.0)
+    assert "landing" not in flight.sent_since(landed_s)

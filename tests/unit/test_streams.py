@@ -62,6 +62,16 @@ def test_a_slow_stream_is_given_three_of_its_periods(streams: Streams) -> None:
     assert streams.missing(3.1) == ["ATTITUDE", "SYS_STATUS"]
 
 
+def test_what_is_refused_is_left_for_half_a_minute(streams: Streams) -> None:
+    (_attitude, status) = streams.due(0.0, starts=True)
+    streams.refused(status, 0.1)
+    asked_s = []
+    for second in range(70):
+        hear(streams, "ATTITUDE", now=float(second))
+        asked_s += [second] * ("SYS_STATUS" in names(streams.due(float(second), starts=True)))
+    assert asked_s[:2] == [31, 33]
+
+
 @pytest.mark.parametrize("pilot", [PX4, ARDUPILOT])
 def test_every_stream_that_is_asked_for_is_listened_to(pilot: Autopilot) -> None:
     assert set(pilot.streams_hz) <= set(SUBSCRIBED)
