@@ -165,6 +165,20 @@ def test_the_ground_that_others_have_seen_is_shared_in_a_shared_frame(
     assert bool(sharing.explorer.memory.flags(place[:2])) == learns
 
 
+def test_a_vehicle_that_waits_on_the_ground_is_where_its_start_was_surveyed(
+    launch: Launch,
+) -> None:
+    """Both estimators began 6 m away from where the vehicles stand."""
+    spaced = {"start_spacing_s": 15.0}
+    moved = ("drift@0,fraction=0,jump_m=6",)
+    world = {**ROOM, "gnss": DENIED}
+    flight = launch(world=world, frame=SURVEYED, flight=spaced, faults=moved)
+    flight.fly_until(lambda: flight.agent(1).phase.value in EXPLORES)
+    assert flight.agent(2).phase.value == "ready"
+    assert flight.agent(1).peers.heard(flight.arena.now) == (2,)
+    assert seen_wrong_m(flight) < 0.4
+
+
 def test_a_peer_that_the_radio_measures_elsewhere_than_it_says_is_noted_once(
     launch: Launch,
 ) -> None:

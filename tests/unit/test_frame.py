@@ -22,6 +22,7 @@ from swarm_ctl.agent.frame import (
     SharedFrame,
     shift_between,
 )
+from swarm_ctl.agent.phases import Phase
 from swarm_ctl.agent.sender import Sender
 from swarm_ctl.autopilot.telemetry import SUBSCRIBED, Telemetry
 from swarm_ctl.errors import MissionError
@@ -261,6 +262,17 @@ def test_a_frame_that_cannot_be_shared_is_refused(
 def agent(folder: Path, sysid: int, frame: dict[str, Any]) -> Agent:
     mission = load_mission(write_hall(folder, {"frame": frame}))
     return Agent(sysid, orders_of(mission))
+
+
+def test_who_has_lost_his_place_says_no_more_where_his_frame_begins(tmp_path: Path) -> None:
+    one = agent(tmp_path, 1, {"shared": "surveyed", "starts_m": STARTS})
+    one.now = 1.0
+    hear_position(one.telemetry, Vec3(3.0, 0.0, 0.0))
+    assert one._beacon().start is None, "it is not known yet whether the position is any good"
+    one.phase = Phase.EXPLORING
+    assert one._beacon().start == (0.0, 0.0, 0.0)
+    one.now += one.orders.limits.link_hold_s + 0.1
+    assert one._beacon().start is None
 
 
 def test_beacons_of_another_build_are_counted_and_change_nothing(tmp_path: Path) -> None:
