@@ -81,6 +81,15 @@ def test_vehicles_of_a_mission_without_a_shared_frame_have_nothing_in_common() -
     assert shift_between(Vec3(1.0, 2.0, 3.0), None) is None
 
 
+def test_a_peer_beyond_the_horizon_is_not_taken_to_be_lower() -> None:
+    """Autopilots count heights along the curved Earth; a tangent plane is 2 m off at 5 km."""
+    north, east, _ = pymap3d.geodetic2ned(47.4, 8.612, 500.0, 47.4, 8.546, 500.0)
+    shift = shift_between(Geodetic(47.4, 8.546, 500.0), Geodetic(47.4, 8.612, 510.0))
+    assert shift is not None
+    assert shift.offset_m == pytest.approx((north, east, -10.0), abs=0.02)
+    assert east == pytest.approx(5000.0, abs=50.0)
+
+
 def test_who_is_on_another_continent_is_no_peer() -> None:
     assert shift_between(ZURICH, Geodetic(-54.8, -68.3, 20.0)) is None
     assert shift_between(ZERO, Vec3(2e5, 0.0, 0.0)) is None

@@ -177,10 +177,13 @@ def test_an_agent_takes_beacons_alone_from_the_mesh(tmp_path: Path) -> None:
     told = Sender(2).broadcast(BEACON_TYPE, encode(beacon))
     autopilot = wire.message("HEARTBEAT").pack(0, 1, 1, 2, 12, 29, 0, 3, 3)
     own = Sender(1).broadcast(BEACON_TYPE, encode(beacon))
-    agent.overhear(autopilot + own + told, 1.0)
+    payload = wire.Parser(("TUNNEL",)).feed(told)[0].values
+    camera = TUNNEL.pack(0, 3, 100, *payload)
+    agent.overhear(autopilot + own + told + camera, 1.0)
     assert agent.telemetry.autopilot is None
     assert agent.peers.is_ours(2)
     assert not agent.peers.is_ours(1)
+    assert not agent.peers.is_ours(3), "what is no companion flies no mission"
 
 
 @pytest.mark.parametrize(
