@@ -110,6 +110,8 @@ class Status:
 
     def why_not(self, now: float) -> str:
         """Say what the vehicle itself has against flying, in words; empty when nothing."""
+        for text in self._chunks.overdue(now):
+            self._say(text, now)
         reasons = [*self.events.barriers, *self._complaints.recent(now), *self.unhealthy]
         return "; ".join(dict.fromkeys(reasons))
 

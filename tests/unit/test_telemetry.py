@@ -225,6 +225,13 @@ def test_readiness_is_the_checks_where_they_are_told(vehicle: Vehicle) -> None:
     assert not vehicle.says(status(0, 0)).is_ready  # PX4 shows the bit only while it is well
 
 
+def test_a_reason_whose_end_is_lost_is_told_all_the_same(vehicle: Vehicle) -> None:
+    words = b"PreArm: Compasses inconsistent by an angle of more than"[:50]
+    vehicle.says(mavlink.MAVLink_statustext_message(2, words, 9, 0), 1.0)
+    assert vehicle.telemetry.why_not(1.5) == ""
+    assert vehicle.telemetry.why_not(2.1).startswith("Compasses inconsistent by an angle")
+
+
 def test_why_not_tells_all_that_the_vehicle_has_against_it(vehicle: Vehicle) -> None:
     assert vehicle.telemetry.why_not(0.0) == ""
     for words in ("Arm: Gyros inconsistent", "Arm: Need Position Estimate"):
