@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from mock_vehicle.faults import Fault
+from swarm_ctl import wire
 from swarm_ctl.agent.agent import Agent
 from swarm_ctl.experiment.arena import Arena
 from swarm_ctl.record.folder import RunFolder
@@ -37,3 +39,16 @@ class Flight:
 
     def truth(self) -> dict[str, Any]:
         return self.arena.fleet.referee.snapshot()
+
+
+def strike(flight: Flight, kind: str, duration_s: float | None = None, **values: Any) -> None:
+    """Break something of vehicle 1."""
+    flight.arena.fleet.strike(Fault(0.0, 1, kind, duration_s, values), flight.arena.now)
+
+
+def choose_mode(flight: Flight, autopilot: str, number: int) -> None:
+    """Let a pilot choose a mode of vehicle 1 from a ground station."""
+    modes = {"px4": (1.0, 4.0, float(number)), "ardupilot": (1.0, float(number), 0.0)}
+    values = (1, 1, 176, 0, *modes[autopilot], 0.0, 0.0, 0.0, 0.0)
+    frame = wire.message("COMMAND_LONG").pack(0, 255, 190, *values)
+    flight.arena.fleet.receive(0, frame, flight.arena.now)

@@ -97,8 +97,8 @@ class Agent:
         self.victims: dict[int, Vec3] = {}
         self.explored_from_s: float | None = None
         self.explored_to_s: float | None = None
-        self.is_paused = self.was_offboard = self.is_steering = False
-        """Held by the operator; has obeyed setpoints; the last tick gave one."""
+        self.is_paused = self.is_given = self.is_steering = False
+        """Held by the operator; given back by him; the last tick gave a setpoint."""
         self.vigil = Vigil()
         self.homebound = ""
         """Why the vehicle is on its way home for good, in words; empty while it is not."""
@@ -260,6 +260,7 @@ class Agent:
         self.entered_s = self._next_ask_s = self.now
         self.hold_ned_m = self.telemetry.position_ned_m
         self.homeward.restart()
+        self.vigil.mode_before = -1 if self.telemetry.is_failsafe else self.telemetry.custom_mode
         if self.phase is Phase.EXPLORING:
             self._begin_exploring()
         self.note("PhaseChanged", before=before.value, after=self.phase.value, reason=reason)

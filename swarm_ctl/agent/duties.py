@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 CHECK_AGAIN_S = 4.0
 """Between two questions what keeps a vehicle from being ready."""
 ARM_S = 30.0
+TAKE_BACK_S = 8.0
+"""In flight a change of mode is asked for once; without effect by then, its pilot keeps it."""
 TAKEOFF_S = 40.0
 TAKEOFF_AGAIN_S = 8.0
 """ArduPilot is 0.2 m up 4 s after the command, and begins anew when it comes again."""
@@ -73,7 +75,10 @@ def wait_for_start(agent: Agent) -> Vec3 | None:
 def arm(agent: Agent) -> Vec3 | None:
     """Stream setpoints, switch to offboard, arm."""
     telemetry, pilot = agent.telemetry, agent.telemetry.autopilot
-    agent.was_offboard = agent.was_offboard or telemetry.is_offboard
+    is_flown = telemetry.armed and not telemetry.is_offboard
+    if is_flown and agent.in_phase_s > (TAKE_BACK_S if agent.is_given else 0.0):
+        agent.enter(Cause.PILOT, f"armed in {telemetry.mode_name}, which is not ours")
+        return None
     if agent.in_phase_s > ARM_S:
         agent.enter(Cause.FAULT, f"did not arm within {ARM_S:.0f} s: {agent.why_not()}")
         return None
@@ -84,8 +89,11 @@ def arm(agent: Agent) -> Vec3 | None:
     if not telemetry.is_offboard:
         if agent.is_time_to_ask:
             mode = (CUSTOM_MODE_FLAG, *pilot.offboard_parameters)
-            agent.ask(command(commands.DO_SET_MODE, *mode))
-    elif telemetry.armed:
+            again_s = 2.0 * TAKE_BACK_S if is_flown else MODE_LAG_S
+            agent.ask(command(commands.DO_SET_MODE, *mode), again_s)
+        return ZERO
+    agent.commands.forget(commands.DO_SET_MODE)
+    if telemetry.armed:
         agent.enter(Cause.ARMED, "")
     elif agent.is_time_to_ask:
         agent.ask(command(commands.COMPONENT_ARM_DISARM, 1.0))
@@ -107,7 +115,9 @@ def take_off(agent: Agent) -> Vec3 | None:
         short_m = flight.height_m - telemetry.height_m
         level = _towards(ZERO, telemetry.position_ned_m)
         return Vec3(level.x, level.y, -min(flight.climb_m_s, max(0.2, short_m)))
-    elif telemetry.height_m < ON_GROUND_M and agent.is_time_to_ask:
+    elif telemetry.height_m > ON_GROUND_M:
+        agent.commands.forget(commands.NAV_TAKEOFF)
+    elif agent.is_time_to_ask:
         agent.ask(command(commands.NAV_TAKEOFF, *[0.0] * 6, flight.height_m), TAKEOFF_AGAIN_S)
     return None
 
@@ -145,14 +155,14 @@ def come_home(agent: Agent) -> Vec3 | None:
 
 def land(agent: Agent) -> Vec3 | None:
     """Let the autopilot land and wait until it has disarmed."""
-    telemetry, pilot = agent.telemetry, agent.telemetry.autopilot
+    telemetry = agent.telemetry
     if not telemetry.armed:
         agent.enter(Cause.DISARMED, HAS_LANDED)
     elif agent.in_phase_s > LANDING_S:
         agent.enter(Cause.FAULT, f"did not land within {LANDING_S:.0f} s")
-    elif telemetry.heartbeat_s < telemetry.mode_changed_s:
-        return None  # PX4 leaves the mode by itself when it has disarmed
-    elif pilot and telemetry.custom_mode != pilot.land_mode and agent.is_time_to_ask:
+    elif telemetry.is_landing or telemetry.heartbeat_s < telemetry.mode_changed_s:
+        agent.commands.forget(commands.NAV_LAND)  # PX4 leaves the mode itself when it has disarmed
+    elif agent.is_time_to_ask:
         agent.ask(command(commands.NAV_LAND))
     return None
 

@@ -89,7 +89,7 @@ def _pause(agent: Agent) -> bool:
 
 def _resume(agent: Agent) -> bool:
     if agent.phase is Phase.YIELDED:
-        agent.was_offboard = False
+        agent.is_given = True
         agent.enter(Cause.RESUMED, "the operator gave the vehicle back")
         return True
     was_paused, agent.is_paused = agent.is_paused, False

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from swarm_ctl.agent.agent import Agent
 
 MODE_LAG_S = 2.0
-"""PX4's heartbeat tells a mode up to a second late."""
+"""PX4's heartbeat tells a mode up to a second late, and so that it is armed."""
 FAILSAFE_S = 5.0
 """PX4 leaves offboard when the stream was lost, and takes it up again when it is back."""
 GONE_S = 60.0
@@ -36,7 +36,9 @@ class Vigil:
     """What is remembered from one look to the next."""
 
     mode_lost_s: float | None = None
-    """Since when the autopilot has said that it obeys setpoints no longer."""
+    """Since when the autopilot has been in a mode that is not ours."""
+    mode_before: int = -1
+    """The mode that the present phase found, or the last one of ours in it; -1 for a failsafe's."""
     outside_s: float | None = None
     """Since when the vehicle has been outside its fence."""
     troubled_s: float | None = None
@@ -59,10 +61,7 @@ def watch(agent: Agent) -> None:
     if agent.phase in {Phase.CONNECTING, Phase.READY}:
         _watch_start(agent)
         return
-    if agent.telemetry.is_offboard:
-        agent.vigil.mode_lost_s = None
-    elif agent.vigil.mode_lost_s is None:
-        agent.vigil.mode_lost_s = agent.telemetry.mode_s
+    _watch_mode(agent)
     health = _health(agent)
     if agent.phase in {Phase.LOST, Phase.YIELDED}:
         _watch_from_afar(agent, health.silent_s)
@@ -203,22 +202,27 @@ def _is_time_up(agent: Agent) -> bool:
     return begun_s is not None and agent.now - begun_s >= agent.orders.duration_s
 
 
+def _watch_mode(agent: Agent) -> None:
+    telemetry, vigil = agent.telemetry, agent.vigil
+    lands = agent.phase is Phase.LANDING and telemetry.is_landing
+    if telemetry.is_offboard or lands:
+        vigil.mode_lost_s, vigil.mode_before = None, telemetry.custom_mode
+    elif vigil.mode_lost_s is None:
+        vigil.mode_lost_s = telemetry.mode_s
+
+
 def _has_lost_the_stick(agent: Agent) -> bool:
-    """Whether the autopilot has left the mode we chose; right after our choice it tells late."""
-    telemetry, pilot = agent.telemetry, agent.telemetry.autopilot
-    has_told = telemetry.mode_s > agent.entered_s + MODE_LAG_S
-    if pilot is None:
+    """Whether somebody else has chosen the mode; one that we asked to change may stay a while."""
+    telemetry, vigil, pilot = agent.telemetry, agent.vigil, agent.telemetry.autopilot
+    if pilot is None or vigil.mode_lost_s is None:
         return False
-    match agent.phase:
-        case Phase.LANDING:
-            ours = telemetry.is_offboard or telemetry.custom_mode == pilot.land_mode
-            return has_told and telemetry.armed and not ours
-        case Phase.ARMING:
-            return has_told and agent.was_offboard and not telemetry.is_offboard
-        case Phase.TAKEOFF | Phase.EXPLORING | Phase.AVOIDING | Phase.HOLDING | Phase.RETURNING:
-            may_resume = telemetry.is_failsafe and pilot.resumes_from_failsafe
-            grace_s = FAILSAFE_S if may_resume else 0.0
-            lost_s = agent.vigil.mode_lost_s
-            return lost_s is not None and telemetry.mode_s - lost_s >= grace_s
-        case _:
-            return False
+    lost_s, grace_s = vigil.mode_lost_s, 0.0
+    if agent.phase is Phase.LANDING:
+        if not telemetry.armed or telemetry.heartbeat_s < telemetry.mode_changed_s:
+            return False  # PX4 leaves the mode by itself when it has disarmed
+        lost_s = max(lost_s, agent.entered_s)
+    if agent.phase not in STEERING | {Phase.TAKEOFF} and telemetry.custom_mode == vigil.mode_before:
+        grace_s = math.inf if agent.phase is Phase.ARMING else MODE_LAG_S
+    elif telemetry.is_failsafe and pilot.resumes_from_failsafe:
+        grace_s = FAILSAFE_S
+    return telemetry.mode_s - lost_s >= grace_s

@@ -156,6 +156,12 @@ class CommandQueue:
             self._current = None
         self._accepted = None
 
+    def forget(self, command_id: int) -> None:
+        """Send a command no more: what it was to bring about has happened."""
+        self._waiting = [one for one in self._waiting if one.command.id != command_id]
+        if self._current is not None and self._current.command.id == command_id:
+            self._current = None
+
     def is_waiting(self, command_id: int) -> bool:
         """Tell whether a command of this id is queued or on its way."""
         return any(waiting.command.id == command_id for waiting in self._all())

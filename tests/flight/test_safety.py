@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flight_log import Flight
+from flight_log import Flight, choose_mode, strike
 
-from mock_vehicle.faults import Fault
 from swarm_ctl import wire
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.model import Operator
@@ -52,11 +51,6 @@ def exploring(launch: Launch, seconds: float = 8.0, **changes: Any) -> Flight:
     return flight
 
 
-def strike(flight: Flight, kind: str, duration_s: float | None = None, **values: Any) -> None:
-    """Break something of vehicle 1."""
-    flight.arena.fleet.strike(Fault(0.0, 1, kind, duration_s, values), flight.arena.now)
-
-
 def sent_by(flight: Flight, sysid: int, seconds: float) -> set[str]:
     """Fly on; give the names of what one controller sends meanwhile."""
     parser, names, receive = wire.Parser(SENT), set[str](), flight.arena.fleet.receive
@@ -70,14 +64,6 @@ def sent_by(flight: Flight, sysid: int, seconds: float) -> set[str]:
     flight.fly(seconds)
     flight.arena.fleet.receive = receive  # type: ignore[method-assign]
     return names
-
-
-def choose_mode(flight: Flight, autopilot: str, number: int) -> None:
-    """Let a pilot choose a mode of vehicle 1 from a ground station."""
-    modes = {"px4": (1.0, 4.0, float(number)), "ardupilot": (1.0, float(number), 0.0)}
-    values = (1, 1, 176, 0, *modes[autopilot], 0.0, 0.0, 0.0, 0.0)
-    frame = wire.message("COMMAND_LONG").pack(0, 255, 190, *values)
-    flight.arena.fleet.receive(0, frame, flight.arena.now)
 
 
 def lose_ground_station(flight: Flight, autopilot: str) -> None:
