@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
-.PHONY: help run test check lint format venv clients mosquitto bench fuzz clean
+.PHONY: help run test check lint format venv clients mosquitto bench crash fuzz clean
 .DEFAULT_GOAL := help
 
 help:  ## list what can be made
@@ -29,6 +29,9 @@ format: venv  ## format and fix in place
 
 bench: venv  ## measure codec, ray casting and virtual time
 	$(BIN)/python benchmarks/run.py
+
+crash: venv  ## kill the controllers of ten flying vehicles ten times (7 minutes)
+	$(BIN)/python benchmarks/crash.py
 
 fuzz: venv  ## throw a million mutated frames at mock vehicles
 	$(BIN)/python benchmarks/fuzz.py

@@ -42,6 +42,7 @@ class Diary:
     def __init__(self, agent: Agent) -> None:
         """Begin with an agent of whom nothing is written down, or all that it knows now."""
         self._agent = agent
+        self._phase: Phase | None = None
         self._state: Page = {}
         self._due_s = -math.inf
         self._marks = len(agent.trail.marks)
@@ -54,44 +55,49 @@ class Diary:
 
     def wait(self) -> None:
         """Write nothing until the phase changes: a journal that grows says who has the stick."""
-        self._state["phase"] = _phase(self._agent)
+        self._phase = _phase(self._agent)
         self._due_s = math.inf
 
     def page(self, now: float) -> Page | None:
         """Give what is new, if anything important is or a second has passed."""
-        if not self._is_due(now):
+        if now < self._due_s and not self._has_news():
             return None
         self._due_s = now + PAGE_S
+        self._phase = _phase(self._agent)
         before, self._state = self._state, _state(self._agent)
         new = dict(item for item in self._state.items() if item not in before.items())
         return {"time_s": round(now, 3), **new, **self._grown()}
 
-    def _is_due(self, now: float) -> bool:
+    def _has_news(self) -> bool:
+        """Whether something has happened that may not wait: what peers are told least of all."""
         agent, explorer = self._agent, self._agent.explorer
-        if now >= self._due_s or self._state.get("phase") != _phase(agent):
+        if agent.phase is not self._phase and _phase(agent) is not self._phase:
             return True
-        has_grown = explorer is not None and (
-            explorer.trails.length(agent.sysid) > self._told.get(agent.sysid, 0)
-        )
-        return self._due_s < math.inf and (has_grown or len(agent.victims) > self._victims)
+        if self._due_s == math.inf:
+            return False
+        if len(agent.victims) > self._victims:
+            return True
+        if explorer is None or not agent.neighbours:
+            return False
+        return explorer.trails.length(agent.sysid) > self._told.get(agent.sysid, 0)
 
     def _grown(self) -> Page:
         """Give the new ends of the lists."""
-        agent = self._agent
-        grown: Page = {
-            "trail": agent.trail.marks[self._marks :],  # exact: rounding could change its cells
-            "victims": [
-                [number, *_rounded(place)]
-                for number, place in list(agent.victims.items())[self._victims :]
-            ],
-        }
-        self._marks, self._victims = len(agent.trail.marks), len(agent.victims)
+        agent, grown = self._agent, Page()
+        if marks := agent.trail.marks[self._marks :]:
+            grown["trail"] = marks  # exact: rounding could change its cells
+            self._marks += len(marks)
+        if len(agent.victims) > self._victims:
+            new = list(agent.victims.items())[self._victims :]
+            grown["victims"] = [[number, *_rounded(place)] for number, place in new]
+            self._victims += len(new)
         if (explorer := agent.explorer) is not None:
-            logs = explorer.trails.beyond(self._told)
-            grown["logs"] = [base64.b64encode(payload).decode() for payload in logs]
-            grown["written_off"] = explorer.written_off[self._written_off :]
-            self._written_off = len(explorer.written_off)
-        return {key: values for key, values in grown.items() if values}
+            if logs := explorer.trails.beyond(self._told):
+                grown["logs"] = [base64.b64encode(payload).decode() for payload in logs]
+            if written_off := explorer.written_off[self._written_off :]:
+                grown["written_off"] = written_off
+                self._written_off += len(written_off)
+        return grown
 
 
 def resume(

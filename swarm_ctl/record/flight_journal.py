@@ -17,6 +17,7 @@ from swarm_ctl.errors import SwarmError
 
 FORMAT = 1
 _LINE = re.compile(rb'(\{.*),"crc":"([0-9a-f]{8})"\}', re.DOTALL)
+_JSON = json.JSONEncoder(default=str, separators=(",", ":"))
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -147,7 +148,7 @@ def boot_id() -> str:
 
 
 def _encode(entry: Mapping[str, Any], crc: int) -> tuple[bytes, int]:
-    body = json.dumps(entry, default=str, separators=(",", ":")).encode()[:-1]
+    body = _JSON.encode(entry).encode()[:-1]
     crc = zlib.crc32(body, crc)
     return body + b',"crc":"%08x"}\n' % crc, crc
 

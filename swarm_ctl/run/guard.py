@@ -17,9 +17,13 @@ from swarm_ctl.signing import KEY_VARIABLE
 
 MISSED_TICKS = 5
 """A controller that says nothing for as many ticks hangs."""
+SOONEST_S = 0.2
+"""Wall time that no machine hangs for any shorter than, also with a simulator that runs fast."""
 AGAIN_S = 5.0
 """Wall time between two starts of a guardian that dies."""
 END_S = 2.0
+REMIND_S = 10.0
+"""Between two lines that say all, when nothing has changed."""
 
 
 class Guard:
@@ -27,11 +31,12 @@ class Guard:
 
     def __init__(self, journals: Path, *, speed: float = 1.0, key: bytes | None = None) -> None:
         """Start it for controllers that write these journals and tick `speed` times as fast."""
-        hang_s = MISSED_TICKS * TICK_S * max(1.0, 1.0 / speed)
+        hang_s = max(SOONEST_S, MISSED_TICKS * TICK_S / speed)
         self._words = [sys.executable, "-m", "swarm_ctl.run.guardian", str(journals), f"{hang_s}"]
         self._environment = {name: v for name, v in os.environ.items() if name != KEY_VARIABLE}
         if key is not None:  # never on a command line, which anybody may read
             self._environment[KEY_VARIABLE] = key.hex()
+        self._told: dict[int, tuple[object, ...]] = {}
         self._start()
 
     def _start(self) -> None:
@@ -50,15 +55,20 @@ class Guard:
 
     def tell(self, agent: Agent, reach: str) -> None:
         """Tell how a vehicle is reached, and stopped if it is being steered."""
-        frame, stamp = agent.standstill(), agent.sender.gate.timestamp
-        told = {"sysid": agent.sysid, "reach": reach, "frame": frame.hex(), "stamp": stamp}
+        is_steered, yaw_rad = agent.is_steering and not agent.is_ended, round(agent.yaw_rad, 1)
+        news = (is_steered, yaw_rad, reach, agent.now // REMIND_S)
+        line = b"%d\n" % agent.sysid  # as before
+        if self._told.get(agent.sysid) != news:
+            self._told[agent.sysid] = news
+            line = _in_full(agent, reach)
         try:
-            os.write(self._pipe, json.dumps(told).encode() + b"\n")
+            os.write(self._pipe, line)
         except BlockingIOError:
-            pass  # it is behind; there will be another tick
+            self._told.pop(agent.sysid, None)  # it is behind; there will be another tick
         except BrokenPipeError:
             if time.monotonic() - self._started_s > AGAIN_S:
                 self._end()
+                self._told.clear()
                 self._start()
 
     def _end(self) -> None:
@@ -72,3 +82,9 @@ class Guard:
 
     def __exit__(self, *_: object) -> None:
         self._end()
+
+
+def _in_full(agent: Agent, reach: str) -> bytes:
+    frame, stamp = agent.standstill().hex(), agent.sender.gate.timestamp
+    told = {"sysid": agent.sysid, "reach": reach, "frame": frame, "stamp": stamp}
+    return json.dumps(told).encode() + b"\n"

@@ -42,6 +42,8 @@ class Ward:
     """Since when it has been held; None while it is not."""
     written: int = 0
     """Bytes of its journal when that began."""
+    is_released: bool = False
+    """Whether somebody else has it, or nobody any more."""
 
 
 class Guardian:
@@ -59,11 +61,21 @@ class Guardian:
         self._written = written
 
     def hear(self, line: bytes, now: float) -> None:
-        """Take what a controller says of its vehicle: it lives."""
+        """Take what a controller says of its vehicle, or its sysid alone: all is as it was."""
         told = json.loads(line)
-        ward = self.wards.setdefault(told["sysid"], Ward())
-        ward.reach, ward.frame = told["reach"], bytes.fromhex(told["frame"])
-        ward.stamp, ward.heard_s, ward.held_s = told["stamp"], now, None
+        if isinstance(told, dict):
+            ward = self.wards.setdefault(told["sysid"], Ward())
+            ward.reach, ward.frame = told["reach"], bytes.fromhex(told["frame"])
+            ward.stamp = told["stamp"]
+        else:
+            ward = self.wards[told]
+        ward.heard_s, ward.held_s, ward.is_released = now, None, False
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nobody is left to look after."""
+        held = (ward.frame and not ward.is_released for ward in self.wards.values())
+        return self.is_bereft and not any(held)
 
     def due(self, now: float) -> list[Ward]:
         """Give those that are to be sent their frame now."""
@@ -71,13 +83,13 @@ class Guardian:
 
     def _is_due(self, sysid: int, ward: Ward, now: float) -> bool:
         is_alone = self.is_bereft or now - ward.heard_s > self._hang_s
-        if not ward.frame or not is_alone:
+        if not ward.frame or not is_alone or ward.is_released:
             return False
         if ward.held_s is None:
             ward.held_s, ward.written = now, self._written(sysid)
-        if now - ward.held_s > HELD_S or self._written(sysid) != ward.written:
-            ward.frame = b""
-        return bool(ward.frame)
+        has_successor = self._written(sysid) != ward.written
+        ward.is_released = has_successor or now - ward.held_s > HELD_S
+        return not ward.is_released
 
 
 class Ways:
@@ -120,7 +132,7 @@ def main() -> None:
     journals, hang_s = Path(sys.argv[1]), float(sys.argv[2])
     guardian = Guardian(hang_s, lambda sysid: _size(journals / f"vehicle-{sysid:03d}.jsonl"))
     ways, seal, rest, due_s = Ways(), _sealer(), b"", 0.0
-    while not guardian.is_bereft or any(ward.frame for ward in guardian.wards.values()):
+    while not guardian.is_done:
         rest = _listen(guardian, rest, PERIOD_S)
         if (now := time.monotonic()) >= due_s:
             due_s = now + PERIOD_S

@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from halls import write_hall
 from mock_process import Mock
 
+from mock_vehicle.testing import RealVehicle
 from swarm_ctl.record.flight_journal import read_flight_journal
 from swarm_ctl.record.resume import journals_in
 
@@ -23,6 +25,8 @@ pytestmark = pytest.mark.wire
 
 SPEED = 2
 PATIENCE_S = 30.0
+ROAM = {"kind": "lf-pso", "levy_min_m": 5.0, "avoid_distance_m": 0.7}
+CLIMB = {"height_m": 1.5, "climb_m_s": 1.0}
 EXPLORE = {
     "kind": "explore",
     "footprint_m": 0.5,
@@ -34,8 +38,7 @@ class Pad:
     """A mock fleet in a process, and a user who flies it and kills what he has started."""
 
     def __init__(self, folder: Path, vehicles: int, autopilot: str, **changes: Any) -> None:
-        flight = {"height_m": 1.5, "climb_m_s": 1.0}
-        mission = {"planner": EXPLORE, "flight": flight, "duration_s": 25.0, **changes}
+        mission = {"planner": EXPLORE, "flight": CLIMB, "duration_s": 25.0, **changes}
         self.mission = write_hall(folder, mission)
         self.folder, self.out = folder, folder / "run"
         words = ("--vehicles", vehicles, "--autopilot", autopilot, "--speed", SPEED)
@@ -150,3 +153,49 @@ def test_a_mission_survives_two_kills(pad: Build) -> None:
 
 def record(out: Path) -> list[Path]:
     return [*out.glob("journals/*"), *out.glob("tlogs/*"), out / "events.jsonl"]
+
+
+# -- the guardian --------------------------------------------------------------------------------
+
+
+KEY = "correct horse battery staple"
+OFFBOARD = {"OFFBOARD", "GUIDED"}
+
+
+@pytest.mark.parametrize(
+    "mock_vehicle",
+    [{"autopilot": "px4", "signing_key": KEY}, {"autopilot": "ardupilot"}],
+    ids=["px4-signed", "ardupilot"],
+    indirect=True,
+)
+@pytest.mark.mock_vehicle(rates="lean")
+def test_a_vehicle_hovers_while_its_controller_hangs_or_is_dead(
+    mock_vehicle: RealVehicle, tmp_path: Path, processes: Callable[[str], list[int]]
+) -> None:
+    key = tmp_path / "key"
+    key.write_text(KEY)
+    options = ["--signing-key", str(key)] if mock_vehicle.autopilot == "px4" else []
+    mission = tmp_path / "roam.yaml"
+    mission.write_text(yaml.safe_dump({"duration_s": 300.0, "planner": ROAM, "flight": CLIMB}))
+    words = ["-m", "swarm_ctl", "fly", mission, "--sysid", 1, "--connect", mock_vehicle.url]
+    with subprocess.Popen(
+        [sys.executable, *map(str, words), "--out", str(tmp_path / "run"), *options],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+    ) as process:
+        try:
+            for number in (signal.SIGSTOP, signal.SIGKILL):
+                mock_vehicle.wait_until(lambda truth: truth.speed_m_s > 0.6)
+                process.send_signal(number)
+                mock_vehicle.wait_until(lambda truth: truth.speed_m_s < 0.1, timeout_s=4.0)
+                until_s = mock_vehicle.truth.time_s + 2.0
+                seen = mock_vehicle.wait_until(lambda truth: truth.time_s > until_s)  # noqa: B023
+                assert seen.speed_m_s < 0.1
+                assert seen.height_m > 1.0
+                assert seen.mode in OFFBOARD, "no failsafe was needed"
+                process.send_signal(signal.SIGCONT)
+        finally:
+            process.kill()
+            for pid in processes("swarm_ctl.run.guardian"):  # which would look after it longer
+                os.kill(pid, signal.SIGKILL)
