@@ -120,7 +120,7 @@ class RunFolder:
         SwarmError when the run is another one, has ended, or is being flown.
         """
         path = path.absolute()
-        started = unfinished_run(path, resolved, sysids)
+        started = unfinished_run(path, resolved, sysids, datetime.now(UTC))
         head = head_of(resolved)
         stories = {
             sysid: read_flight_journal(file, {**head, "sysid": sysid})

@@ -24,16 +24,14 @@ def find_unfinished(
     """Find the newest run of a mission with these vehicles that was killed a short while ago."""
     wanted = list(sysids)
     for path in sorted(runs.glob(f"{resolved['name']}-*"), key=last_written, reverse=True):
-        if utc.timestamp() - last_written(path) > UNFINISHED_S:
-            break
         with contextlib.suppress(SwarmError):
-            unfinished_run(path, resolved, wanted)
+            unfinished_run(path, resolved, wanted, utc)
             return path
     return None
 
 
 def unfinished_run(
-    path: Path, resolved: Mapping[str, Any], sysids: Iterable[int] | None
+    path: Path, resolved: Mapping[str, Any], sysids: Iterable[int] | None, utc: datetime
 ) -> dict[str, Any]:
     """Read how a run began; SwarmError says why it is none that can be gone on with."""
     try:
@@ -47,6 +45,12 @@ def unfinished_run(
         raise SwarmError(f"{path}: is the run of other vehicles")
     if (path / "summary.json").exists():
         raise SwarmError(f"{path}: this run has ended; name a new folder")
+    ago_s = utc.timestamp() - last_written(path)
+    if ago_s > UNFINISHED_S:
+        words = (
+            f"this run was left {ago_s / 60.0:.0f} minutes ago, and its vehicles are down by now"
+        )
+        raise SwarmError(f"{path}: {words}; name a new folder")
     return started
 
 
