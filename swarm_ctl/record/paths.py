@@ -48,6 +48,8 @@ class PathRecorder:
         path._json = [""] * len(path._waypoints)
         for index, waypoint in enumerate(path._waypoints):
             if waypoint["kind"] == "flown":
+                before = path._waypoints[index if path._last is None else path._last]
+                path.length_m += math.dist(before["position_m"], waypoint["position_m"])
                 path._last = index
             elif waypoint["status"] == "unexplored":
                 path._open.append(index)

@@ -231,4 +231,5 @@ def test_a_path_goes_on_with_what_it_was_written_as() -> None:
     for recorder in (path, again):
         recorder.visited(3.0, Vec3(3.0, 0.0, -1.0), [])
     assert again.encoded() == path.encoded()
+    assert again.length_m == pytest.approx(path.length_m)
     assert again.until_s == 3.0
