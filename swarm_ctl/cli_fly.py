@@ -34,7 +34,7 @@ from swarm_ctl.link.shared import SharedLink
 from swarm_ctl.mission import Mission, check_starts, load_mission
 from swarm_ctl.progress import ProgressView
 from swarm_ctl.record.folder import RunFolder
-from swarm_ctl.record.resume import find_unfinished, journals_in, last_written
+from swarm_ctl.record.resume import JOURNALS, find_unfinished, last_written
 from swarm_ctl.record.summary import report_lines
 from swarm_ctl.run.places import only_autopilot, pair_up
 from swarm_ctl.run.real import RealRun
@@ -185,12 +185,12 @@ def _open_folder(
     """Take up the run that was killed, or else begin one."""
     resolved, utc = mission.dump(), datetime.now(UTC)
     earlier = None if is_new else out or find_unfinished(Path("runs"), resolved, sysids, utc)
-    if earlier is None or not journals_in(earlier):
+    if earlier is None or not (earlier / JOURNALS).is_dir():
         return RunFolder.create(
-            out, mission.name, resolved, seed=mission.seed, mode="fly", is_journaled=True
+            out, mission.name, resolved, seed=mission.seed, mode="fly", journaled=sysids
         )
-    folder = RunFolder.reopen(earlier, resolved, sysids=sysids, speed=speed)
     ago_s = utc.timestamp() - last_written(earlier)
+    folder = RunFolder.reopen(earlier, resolved, sysids, speed=speed)
     words = f"taking up {earlier}, last written {ago_s:.0f} s ago (--new begins a new run)"
     console.print(words, markup=False, soft_wrap=True)
     return folder

@@ -207,7 +207,7 @@ def _watch_mode(agent: Agent) -> None:
     lands = agent.phase is Phase.LANDING and telemetry.is_landing
     if telemetry.is_offboard or lands:
         vigil.mode_lost_s, vigil.mode_before = None, telemetry.custom_mode
-    elif vigil.mode_lost_s is None:
+    elif vigil.mode_lost_s is None and telemetry.mode_s > -math.inf:
         vigil.mode_lost_s = telemetry.mode_s
 
 

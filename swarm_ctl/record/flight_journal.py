@@ -7,7 +7,7 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,6 +31,8 @@ class Story:
     size: int = 0
     """Bytes of the lines that were read; what follows was torn by the kill."""
     crc: int = 0
+    found: int = 0
+    """Bytes of the file."""
     fault: str = ""
     """Why it cannot be gone on from, in words."""
 
@@ -73,9 +75,12 @@ class FlightJournal:
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_ours = after is None or os.fstat(self._file).st_size == after.found
         except OSError:
-            os.close(self._file)
-            raise SwarmError(f"{path}: another process is flying this vehicle") from None
+            is_ours = False
+        if not is_ours:
+            self.close()
+            raise SwarmError(f"{path}: another process is flying this vehicle")
         if after:
             os.ftruncate(self._file, after.size)
         if not after or not after.head:
@@ -136,7 +141,27 @@ def read_flight_journal(path: Path, expected: Mapping[str, Any]) -> Story:
         fault = "its journal is of another mission, vehicle or version"
     elif not pages and list(path.parent.glob(f"{path.stem}.broken*")):
         fault = "its journal was broken"
-    return Story(head, pages, size, crc, fault)
+    return Story(head, pages, size, crc, len(data), fault)
+
+
+def open_journals(
+    folder: Path, head: Mapping[str, Any], sysids: Iterable[int], stories: Mapping[int, Story]
+) -> dict[int, FlightJournal]:
+    """Open the journals of several vehicles, or none; one that is broken is laid aside."""
+    journals: dict[int, FlightJournal] = {}
+    try:
+        for sysid in sysids:
+            file, story = folder / f"vehicle-{sysid:03d}.jsonl", stories.get(sysid)
+            if story and story.fault:
+                aside = len(list(folder.glob(f"{file.stem}.broken*")))
+                file.rename(file.with_suffix(f".broken{aside or ''}"))
+                story = None
+            journals[sysid] = FlightJournal(file, {**head, "sysid": sysid}, story)
+    except SwarmError:
+        for journal in journals.values():
+            journal.close()
+        raise
+    return journals
 
 
 def boot_id() -> str:

@@ -8,7 +8,7 @@ import importlib.metadata
 import json
 import platform
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +16,7 @@ from typing import Any, Literal, Self
 
 import swarm_ctl
 from swarm_ctl.errors import SwarmError
-from swarm_ctl.record.flight_journal import FlightJournal, Story, read_flight_journal
+from swarm_ctl.record.flight_journal import FlightJournal, Story, open_journals, read_flight_journal
 from swarm_ctl.record.journal import Journal
 from swarm_ctl.record.paths import PathRecorder, write_paths
 from swarm_ctl.record.resume import JOURNALS, head_of, journals_in, unfinished_run
@@ -49,18 +49,22 @@ class RunFolder:
     """Where one run's mission, journal, logs, paths, truth, pictures and summary lie."""
 
     def __init__(
-        self, path: Path, journal: Journal, *, epoch_s: float, head: Mapping[str, Any] | None = None
+        self,
+        path: Path,
+        journal: Journal,
+        *,
+        epoch_s: float,
+        journals: Mapping[int, FlightJournal] | None = None,
     ) -> None:
-        """Keep journals of controllers, too, if there is a `head` for them."""
+        """Write into a folder that is there: events, and journals of controllers if there are."""
         self.path = path
         self.journal = journal
         self.hash = RunHash()
         self.resumed_s: float | None = None
         """Mission time at which the run was taken up; None when it was begun."""
         self._epoch_s = epoch_s
-        self._head = head
         self._stories: dict[int, Story] = {}
-        self._flight_journals: dict[int, FlightJournal] = {}
+        self._flight_journals = dict(journals or {})
         self._tlogs: dict[int, TlogWriter] = {}
         self._paths: dict[int, PathRecorder] = {}
         self._paths_due_s = PATHS_S
@@ -75,24 +79,25 @@ class RunFolder:
         seed: int,
         mode: Mode,
         utc: datetime | None = None,
-        is_journaled: bool = False,
+        journaled: Iterable[int] = (),
     ) -> Self:
         """Make `out`, or `runs/<name>-<utc>/`, and write how to repeat the run at once.
 
         `resolved` is the mission with every value, ready for JSON. A log of real time is stamped
         in UTC; virtual time counts from a fixed date, so that two runs are equal byte for byte.
-        A run that `is_journaled` can be taken up by `reopen`.
+        With journals of the sysids that are `journaled` it can be taken up by `reopen`.
         Raises SwarmError when the folder holds something already or cannot be made.
         """
         utc = utc or datetime.now(UTC)
         path = out or _unused(Path("runs") / f"{name}-{utc:%Y%m%dT%H%M%SZ}")
         path = _make(path.absolute())
+        if wanted := list(journaled):
+            (path / JOURNALS).mkdir()
         started = {"mission": dict(resolved), "seed": seed, "mode": mode, "versions": _versions()}
         text = json.dumps({**started, "started_utc": utc.isoformat()}, indent=2)
         (path / "mission.json").write_text(text + "\n", encoding="utf-8")
         (path / "tlogs").mkdir()
-        if is_journaled:
-            (path / JOURNALS).mkdir()
+        journals = open_journals(path / JOURNALS, head_of(resolved), wanted, {})
         journal = Journal(
             path / "events.jsonl",
             event="RunStarted",
@@ -103,15 +108,15 @@ class RunFolder:
             swarm_ctl=swarm_ctl.__version__,
         )
         epoch_s = EPOCH_S if mode == "virtual" else utc.timestamp()
-        return cls(path, journal, epoch_s=epoch_s, head=head_of(resolved) if is_journaled else None)
+        return cls(path, journal, epoch_s=epoch_s, journals=journals)
 
     @classmethod
     def reopen(
         cls,
         path: Path,
         resolved: Mapping[str, Any],
+        sysids: Collection[int],
         *,
-        sysids: Iterable[int] | None = None,
         speed: float = 1.0,
     ) -> Self:
         """Go on with a journaled run that was killed: all that was recorded stays and is added to.
@@ -120,16 +125,19 @@ class RunFolder:
         SwarmError when the run is another one, has ended, or is being flown.
         """
         path = path.absolute()
-        started = unfinished_run(path, resolved, sysids, datetime.now(UTC))
-        head = head_of(resolved)
+        started = unfinished_run(path, resolved, datetime.now(UTC))
+        head, files = head_of(resolved), journals_in(path)
+        if set(files) - set(sysids):
+            raise SwarmError(f"{path}: is the run of other vehicles")
         stories = {
             sysid: read_flight_journal(file, {**head, "sysid": sysid})
-            for sysid, file in journals_in(path).items()
+            for sysid, file in files.items()
         }
+        journals = open_journals(path / JOURNALS, head, sysids, stories)
         epoch_s = datetime.fromisoformat(started["started_utc"]).timestamp()
         now = max((story.now(speed) for story in stories.values()), default=0.0)
         events = Journal(path / "events.jsonl", event="RunResumed", time_s=round(now, 3))
-        folder = cls(path, events, epoch_s=epoch_s, head=head)
+        folder = cls(path, events, epoch_s=epoch_s, journals=journals)
         folder._stories, folder.resumed_s = stories, now
         folder._reread_paths()
         return folder
@@ -153,21 +161,8 @@ class RunFolder:
         return 0 if story is None else story.restarts + 1
 
     def flight_journal(self, sysid: int) -> FlightJournal | None:
-        """Give a controller's journal, `journals/vehicle-001.jsonl`; None in runs without.
-
-        One that is broken is laid aside, and a new one begun.
-        """
-        if self._head is None:
-            return None
-        if sysid not in self._flight_journals:
-            file = self.path / JOURNALS / f"vehicle-{sysid:03d}.jsonl"
-            story = self._stories.get(sysid)
-            if story and story.fault and file.exists():
-                file.rename(_unused(file.with_suffix(".broken")))
-            after = story if story and not story.fault else None
-            head = {**self._head, "sysid": sysid}
-            self._flight_journals[sysid] = FlightJournal(file, head, after)
-        return self._flight_journals[sysid]
+        """Give a controller's journal, `journals/vehicle-001.jsonl`; None in runs without."""
+        return self._flight_journals.get(sysid)
 
     def sync(self) -> None:
         """Wait until the disk has the controllers' journals; meant for another thread."""
@@ -178,7 +173,7 @@ class RunFolder:
         """Give a vehicle's telemetry log, `tlogs/vehicle-001.tlog`; the same one every time."""
         if sysid not in self._tlogs:
             file = self.path / "tlogs" / f"vehicle-{sysid:03d}.tlog"
-            flush_s = 0.0 if self._head is not None else FLUSH_S
+            flush_s = 0.0 if self._flight_journals else FLUSH_S
             self._tlogs[sysid] = TlogWriter(file, epoch_s=self._epoch_s, flush_s=flush_s)
         return self._tlogs[sysid]
 

@@ -22,17 +22,16 @@ def find_unfinished(
     runs: Path, resolved: Mapping[str, Any], sysids: Iterable[int], utc: datetime
 ) -> Path | None:
     """Find the newest run of a mission with these vehicles that was killed a short while ago."""
-    wanted = list(sysids)
+    wanted = sorted(sysids)
     for path in sorted(runs.glob(f"{resolved['name']}-*"), key=last_written, reverse=True):
         with contextlib.suppress(SwarmError):
-            unfinished_run(path, resolved, wanted, utc)
-            return path
+            unfinished_run(path, resolved, utc)
+            if sorted(journals_in(path)) == wanted:
+                return path
     return None
 
 
-def unfinished_run(
-    path: Path, resolved: Mapping[str, Any], sysids: Iterable[int] | None, utc: datetime
-) -> dict[str, Any]:
+def unfinished_run(path: Path, resolved: Mapping[str, Any], utc: datetime) -> dict[str, Any]:
     """Read how a run began; SwarmError says why it is none that can be gone on with."""
     try:
         started: dict[str, Any] = json.loads((path / "mission.json").read_text("utf-8"))
@@ -41,8 +40,6 @@ def unfinished_run(
         raise SwarmError(f"{path}: holds no run that could be taken up") from None
     if mission != json.loads(json.dumps(resolved)):
         raise SwarmError(f"{path}: is the run of another mission")
-    if sysids is not None and sorted(sysids) != sorted(journals_in(path)):
-        raise SwarmError(f"{path}: is the run of other vehicles")
     if (path / "summary.json").exists():
         raise SwarmError(f"{path}: this run has ended; name a new folder")
     ago_s = utc.timestamp() - last_written(path)
@@ -61,8 +58,9 @@ def journals_in(path: Path) -> dict[int, Path]:
 
 
 def last_written(path: Path) -> float:
-    """Give the UTC, in seconds, of the last line in a journal of a run; 0 where there is none."""
-    return max((file.stat().st_mtime for file in journals_in(path).values()), default=0.0)
+    """Give the UTC, in seconds, of the last line in a journal of a run, or of its beginning."""
+    files = [path / "mission.json", *journals_in(path).values()]
+    return max((file.stat().st_mtime for file in files if file.exists()), default=0.0)
 
 
 def head_of(resolved: Mapping[str, Any]) -> dict[str, Any]:

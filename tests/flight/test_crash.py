@@ -68,7 +68,9 @@ class CrashFlight(Flight):
 
     def restart(self) -> None:
         """Begin anew from what lies in the folder."""
-        self.folder = RunFolder.reopen(self.folder.path, self.mission.dump())
+        self.folder = RunFolder.reopen(
+            self.folder.path, self.mission.dump(), range(1, self.mission.vehicles + 1)
+        )
         self.folder.resumed_s = self.arena.now
         self.arena._folder = self.folder
         self.arena.controllers = controllers_for(self.mission, self.folder)
@@ -107,7 +109,12 @@ def begin(tmp_path: Path) -> Iterator[Begin]:
         mission = load_mission(file)
         run = Path(tempfile.mkdtemp(dir=tmp_path))
         folder = RunFolder.create(
-            run, mission.name, mission.dump(), seed=1, mode="virtual", is_journaled=True
+            run,
+            mission.name,
+            mission.dump(),
+            seed=1,
+            mode="virtual",
+            journaled=range(1, mission.vehicles + 1),
         )
         flights.append(CrashFlight(mission, folder))
         return flights[-1]

@@ -135,7 +135,7 @@ def create(tmp_path: Path) -> Create:
             *("hall", RESOLVED),
             seed=1,
             mode="fly",
-            is_journaled=True,
+            journaled=[1, 2],
         )
         for sysid in (1, 2):
             journal = folder.flight_journal(sysid)
@@ -162,20 +162,20 @@ def test_only_a_run_of_the_same_mission_that_has_not_ended_is_taken_up(create: C
     folder = create()
     folder.close()
     with pytest.raises(SwarmError, match="another mission"):
-        RunFolder.reopen(folder.path, {**RESOLVED, "seed": 2})
+        RunFolder.reopen(folder.path, {**RESOLVED, "seed": 2}, [1, 2])
     with pytest.raises(SwarmError, match="other vehicles"):
-        RunFolder.reopen(folder.path, RESOLVED, sysids=[1, 2, 3])
+        RunFolder.reopen(folder.path, RESOLVED, [1, 3])
     with pytest.raises(SwarmError, match="holds no run"):
-        RunFolder.reopen(folder.path.parent, RESOLVED)
+        RunFolder.reopen(folder.path.parent, RESOLVED, [1, 2])
     (folder.path / "summary.json").write_text("{}")
     with pytest.raises(SwarmError, match="has ended"):
-        RunFolder.reopen(folder.path, RESOLVED)
+        RunFolder.reopen(folder.path, RESOLVED, [1, 2])
 
 
 def test_mission_time_goes_on_with_the_clock(create: Create) -> None:
     folder = create()
     folder.close()
-    with RunFolder.reopen(folder.path, RESOLVED, speed=2.0) as again:
+    with RunFolder.reopen(folder.path, RESOLVED, [1, 2], speed=2.0) as again:
         assert again.resumed_s is not None
         assert 1.0 <= again.resumed_s <= again.now(2.0) < 30.0
         assert again.started_utc == folder.started_utc
@@ -187,7 +187,7 @@ def test_events_go_on_behind_the_last_whole_line(create: Create) -> None:
     events = folder.path / "events.jsonl"
     before = events.read_bytes()
     events.write_bytes(before + b'{"event": "Phase')
-    RunFolder.reopen(folder.path, RESOLVED).close()
+    RunFolder.reopen(folder.path, RESOLVED, [1, 2]).close()
     after = events.read_bytes()
     assert after.startswith(before)
     assert json.loads(after[len(before) :])["event"] == "RunResumed"
