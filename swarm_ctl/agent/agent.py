@@ -261,6 +261,9 @@ class Agent:
         self.hold_ned_m = self.telemetry.position_ned_m
         self.homeward.restart()
         self.vigil.mode_before = -1 if self.telemetry.is_failsafe else self.telemetry.custom_mode
+        if self.phase not in STEERING:
+            self.vigil.troubled_s = self.vigil.outside_s = None
+            self.vigil.highest_m = -math.inf
         if self.phase is Phase.EXPLORING:
             self._begin_exploring()
         self.note("PhaseChanged", before=before.value, after=self.phase.value, reason=reason)
@@ -427,7 +430,10 @@ class Agent:
             value if heard_s >= fresh_s else math.inf
             for value, heard_s in zip(telemetry.ranges_m, telemetry.ranges_s, strict=True)
         ]
-        safe = self._guard.confine(velocity, motion, ranges, self.neighbours)
+        knows_place = self.now - telemetry.position_s <= self.orders.limits.link_hold_s
+        safe = self._guard.confine(
+            velocity, motion, ranges, self.neighbours, knows_place=knows_place
+        )
         return Setpoint(safe, self.yaw_rad)
 
     def _beacon(self) -> beacons.Beacon:

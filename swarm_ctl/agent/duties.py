@@ -27,6 +27,9 @@ TAKEOFF_S = 40.0
 TAKEOFF_AGAIN_S = 8.0
 """ArduPilot is 0.2 m up 4 s after the command, and begins anew when it comes again."""
 LANDING_S = 90.0
+STOP_S = 2.0
+"""Without it ArduPilot flies on at its last setpoint for GUID_TIMEOUT; PX4, told to stop for any
+longer, would not land by its own failsafe when the command is lost or refused."""
 STREAM_BEFORE_SWITCH_S = 1.0
 """PX4 wants setpoints before it takes the offboard mode (PX4 guide, offboard mode)."""
 SETTLED_M_S = 0.2
@@ -111,6 +114,8 @@ def take_off(agent: Agent) -> Vec3 | None:
         agent.enter(Cause.DISARMED, f"disarmed before it flew: {agent.why_not()}")
     elif agent.in_phase_s > TAKEOFF_S:
         agent.enter(Cause.LAND, f"did not climb within {TAKEOFF_S:.0f} s: {agent.why_not()}")
+    elif not by_command and agent.vigil.troubled_s is not None:
+        return ZERO
     elif not by_command:
         short_m = flight.height_m - telemetry.height_m
         level = _towards(ZERO, telemetry.position_ned_m)
@@ -154,7 +159,7 @@ def come_home(agent: Agent) -> Vec3 | None:
 
 
 def land(agent: Agent) -> Vec3 | None:
-    """Let the autopilot land and wait until it has disarmed."""
+    """Let the autopilot land and wait until it has disarmed; stop until it has begun."""
     telemetry = agent.telemetry
     if not telemetry.armed:
         agent.enter(Cause.DISARMED, HAS_LANDED)
@@ -164,7 +169,7 @@ def land(agent: Agent) -> Vec3 | None:
         agent.commands.forget(commands.NAV_LAND)  # PX4 leaves the mode itself when it has disarmed
     elif agent.is_time_to_ask:
         agent.ask(command(commands.NAV_LAND))
-    return None
+    return ZERO if telemetry.is_offboard and agent.in_phase_s < STOP_S else None
 
 
 def listen(_agent: Agent) -> Vec3 | None:

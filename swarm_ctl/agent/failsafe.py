@@ -13,6 +13,8 @@ HOLD_LAND_S = 10.0
 """A hold that lasts longer becomes a landing."""
 OUTSIDE_LAND_S = 10.0
 """Who is not back behind the fence by then lands; the last word steers it back meanwhile."""
+MODE_UNTOLD_S = 10.0
+"""Who does not tell its mode cannot tell that a pilot took it: one heartbeat of ten must come."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,8 @@ class Health:
     """Charge that the way home will take."""
     outside_s: float = 0.0
     """Since the fence was left; 0 inside."""
+    untold_s: float = 0.0
+    """Since the autopilot told its mode."""
     estimate: str = ""
     """What is wrong with the position estimate, in words; empty when nothing is."""
 
@@ -52,6 +56,11 @@ RULES: tuple[Rule, ...] = (
         lambda h, m: h.silent_s > m.link_lost_s,
         Cause.SILENT,
         "nothing heard from its autopilot for {h.silent_s:.1f} s",
+    ),
+    (
+        lambda h, _m: h.untold_s > MODE_UNTOLD_S,
+        Cause.SILENT,
+        "no heartbeat of its autopilot for {h.untold_s:.1f} s",
     ),
     (
         lambda h, m: h.battery_fraction < m.battery_critical,

@@ -47,17 +47,20 @@ class Guard:
         motion: Motion,
         ranges_m: Sequence[float],
         peers: Sequence[Neighbour],
+        *,
+        knows_place: bool = True,
     ) -> Vec3:
         """Give the nearest velocity that respects every limit.
 
         `ranges_m` are in the order front, back, left, right, up, down (inf = clear). Distances
         are taken as they will be when the vehicle has begun to obey: it flies on for
-        `flight.response_s` first.
+        `flight.response_s` first. A vehicle that does not know its place is not pushed off floor,
+        ceiling or fence: it would be for ever.
         """
         peers = self._levelled(peers) if self._is_level else peers
         velocity = self._keep_right(velocity, peers)
         constraints = [  # the last one wins where they contradict: walls leave the least room
-            *self._fence(motion),
+            *(self._fence(motion) if knows_place else ()),
             *self._peers(motion, peers),
             *self._walls(motion, ranges_m),
         ]

@@ -63,6 +63,7 @@ TABLE: dict[tuple[Phase, Cause], Phase] = {
     (P.ARMING, C.FAULT): P.FAILED,
     (P.TAKEOFF, C.AIRBORNE): P.EXPLORING,
     (P.TAKEOFF, C.LAND): P.LANDING,
+    (P.TAKEOFF, C.CANCELLED): P.DONE,
     (P.TAKEOFF, C.SILENT): P.LOST,
     (P.TAKEOFF, C.PILOT): P.YIELDED,
     (P.TAKEOFF, C.DISARMED): P.FAILED,
@@ -118,7 +119,7 @@ ENDED = frozenset({P.DONE, P.FAILED})
 """Nothing leads out of these."""
 STEERING = frozenset({P.EXPLORING, P.AVOIDING, P.HOLDING, P.RETURNING})
 """The controller steers: setpoints stream, and a lost mode means that a pilot took over."""
-STREAMING = STEERING | {P.ARMING, P.TAKEOFF}
+STREAMING = STEERING | {P.ARMING, P.TAKEOFF, P.LANDING}
 """The only phases in which a setpoint may leave."""
 SILENT = frozenset({P.YIELDED, P.LOST}) | ENDED
 """The controller listens and tells its peers; its autopilot hears neither setpoint nor command."""

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 POSITION_S = 5.0
 """How long a vehicle that is heard again may take to say where it is."""
+ON_GROUND_S = 60.0
+"""The same for one that has not taken off yet."""
 DRIFT_S, DRIFT_M = 5.0, 3.0
 """A vehicle that nobody steers flies on for no longer than this and drifts no farther."""
 HAS_LANDED, STILL_LANDING = "landed", "it was landing"
@@ -43,11 +45,11 @@ def who_has_it(agent: Agent) -> str:
 
 def _on_ground(agent: Agent) -> Verdict | None:
     match agent.vigil.lost_from:
-        case Phase.ARMING:
-            if agent.telemetry.position_s <= agent.entered_s:
-                return None
+        case Phase.ARMING if agent.telemetry.position_s > agent.entered_s:
             agent.vigil.distrust = ""
             return Verdict(Cause.CHECKED, "it had not taken off yet")
+        case Phase.ARMING if agent.in_phase_s < ON_GROUND_S:
+            return None
         case Phase.LANDING:
             return Verdict(Cause.DISARMED, HAS_LANDED)
         case _:

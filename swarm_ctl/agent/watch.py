@@ -25,6 +25,9 @@ JUMP_HOLD_S = 2.0
 """How long a vehicle waits, after its position has jumped, whether it does so again."""
 OUTSIDE_M = 0.5
 """Beyond the fence by more than an overshoot."""
+RISE_M, RISE_S = 0.1, 6.0
+"""Who climbs on setpoints rises by so much within this time, 4 s of which PX4 takes to lift off;
+else its height hangs, and nobody knows how high it is."""
 TIME_OVER = "exploration time is over"
 
 _EXPLORING = frozenset({Phase.EXPLORING, Phase.AVOIDING})
@@ -43,6 +46,9 @@ class Vigil:
     """Since when the vehicle has been outside its fence."""
     troubled_s: float | None = None
     """Since when something has demanded a hold, whether or not an operator paused it as well."""
+    highest_m: float = -math.inf
+    """How high the vehicle has come in this climb, and when."""
+    risen_s: float = -math.inf
     is_crowded: bool = False
     """Whether a peer is much too close."""
     lost_from: Phase | None = None
@@ -74,6 +80,8 @@ def watch(agent: Agent) -> None:
     elif _has_lost_the_stick(agent):
         agent.commands.clear()
         agent.enter(Cause.PILOT, who_has_it(agent))
+    elif agent.phase in {Phase.ARMING, Phase.TAKEOFF}:
+        _watch_climb(agent, judged)
     elif agent.phase in STEERING:
         _watch_flight(agent, judged)
 
@@ -109,12 +117,32 @@ def _watch_from_afar(agent: Agent, silent_s: float) -> None:
     telemetry = agent.telemetry
     still_flies = telemetry.armed and telemetry.is_failsafe  # told before the next heartbeat
     told_s = telemetry.mode_s if still_flies else telemetry.heartbeat_s
+    beatless_s = agent.now - max(telemetry.heartbeat_s, agent.entered_s)
     if silent_s > GONE_S:
         agent.enter(Cause.FAULT, f"nothing heard from its autopilot for {silent_s:.0f} s")
+    elif beatless_s > GONE_S:
+        agent.enter(Cause.FAULT, f"no heartbeat of its autopilot for {beatless_s:.0f} s")
     elif agent.phase is Phase.YIELDED or told_s <= agent.entered_s:
         return
     elif (found := heard_again(agent)) is not None:
         agent.enter(*found)
+
+
+def _watch_climb(agent: Agent, judged: Verdict | None) -> None:
+    """Land who has reason to, or keep it on the ground; what makes others hold stops its climb."""
+    _watch_trouble(agent, judged)
+    if agent.phase is Phase.TAKEOFF and _climbs_in_vain(agent):
+        agent.enter(Cause.LAND, f"did not rise for {RISE_S:.0f} s: {agent.why_not()}")
+    elif judged is not None and judged.cause is Cause.LAND:
+        agent.enter(judged.cause if agent.telemetry.armed else Cause.CANCELLED, judged.reason)
+
+
+def _climbs_in_vain(agent: Agent) -> bool:
+    telemetry, vigil, pilot = agent.telemetry, agent.vigil, agent.telemetry.autopilot
+    if telemetry.height_m > vigil.highest_m + RISE_M:
+        vigil.highest_m, vigil.risen_s = telemetry.height_m, agent.now
+    by_command = pilot is not None and pilot.takeoff_by_command
+    return not by_command and agent.now - max(vigil.risen_s, agent.entered_s) > RISE_S
 
 
 def _watch_flight(agent: Agent, judged: Verdict | None) -> None:
@@ -165,6 +193,7 @@ def _health(agent: Agent) -> Health:
         agent.vigil.endurance.sample(battery, agent.trail.length_m(), speed_m_s, now)
     return Health(
         silent_s=now - telemetry.heard_s,
+        untold_s=now - telemetry.mode_s,
         position_age_s=now - min(telemetry.position_s, telemetry.attitude_s),
         range_age_s=0.0 if agent.orders.flight.open_air else now - min(telemetry.ranges_s[:4]),
         plan_age_s=now - planned_s if plans else 0.0,

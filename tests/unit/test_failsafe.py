@@ -26,6 +26,7 @@ def test_a_healthy_vehicle_flies_on() -> None:
     ("trouble", "value", "cause", "words"),
     [
         ("silent_s", 5.1, Cause.SILENT, "nothing heard from its autopilot for 5.1 s"),
+        ("untold_s", 10.1, Cause.SILENT, "no heartbeat of its autopilot for 10.1 s"),
         ("battery_fraction", 0.1, Cause.LAND, "battery critical at 10%"),
         ("mission_s", 1801.0, Cause.LAND, "longest mission time reached at 1801 s"),
         ("holding_s", 11.0, Cause.LAND, "held for 11 s without recovery"),
