@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
-.PHONY: help run test check lint format venv clients mosquitto bench crash fuzz clean
+.PHONY: help run test sitl check lint format venv clients mosquitto bench crash fuzz clean
 .DEFAULT_GOAL := help
 
 help:  ## list what can be made
@@ -14,6 +14,11 @@ run: venv  ## fly the demo mission: ten UAVs search an office floor
 
 test: clients mosquitto  ## run every test
 	$(BIN)/pytest -n auto
+
+sitl: venv  ## fly real autopilots' simulators: SWARM_SITL_ARDUCOPTER and SWARM_SITL_PX4 (docs/real_vehicles.md)
+	@test -n "$$SWARM_SITL_ARDUCOPTER$$SWARM_SITL_PX4" || { echo "\
+	set SWARM_SITL_ARDUCOPTER=/path/to/arducopter or SWARM_SITL_PX4=/path/to/px4/build, or both"; exit 1; }
+	$(BIN)/pytest tests/sitl
 
 check: lint test  ## what CI runs
 

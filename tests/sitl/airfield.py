@@ -52,8 +52,7 @@ class Airfield:
     def close(self) -> None:
         """Leave no controller running and nobody in the air."""
         for flight in self._flights:
-            flight.process.kill()
-            flight.process.communicate()
+            flight.killed()
         for station in self._stations:
             if not station.lands(DOWN_S) or station in self._retired:
                 self._hangar.discard(station.vehicle)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import signal
 import struct
 import subprocess
 import sys
@@ -46,29 +45,29 @@ class Flown:
         mission = _changed(out.with_suffix(".yaml"), flight) if flight else MISSION
         links = [w for one in vehicles for w in ("--connect", one.url, "--sysid", one.sysid)]
         self._words = [str(word) for word in (mission, *links, "--out", out, *options)]
+        self._said = out.with_suffix(".txt")
         self.starts()
 
     def starts(self) -> None:
         """Type the command, or type it again."""
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "swarm_ctl", "fly", *self._words],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-
-    def signals(self, number: signal.Signals) -> None:
-        self.process.send_signal(number)
+        with self._said.open("a") as said:  # no pipe, which its guardian would keep open
+            words = [sys.executable, "-m", "swarm_ctl", "fly", *self._words]
+            self.process = subprocess.Popen(words, stdout=said, stderr=subprocess.STDOUT)
 
     def ends(self, within_s: float = LANDED_S) -> tuple[int, str]:
         """Wait for the end; give the exit status and what was said."""
         try:
-            said, _ = self.process.communicate(timeout=within_s)
+            code = self.process.wait(within_s)
         except subprocess.TimeoutExpired:
-            self.process.kill()
             raise AssertionError(f"still flying after {within_s:g} s: {self.story()}") from None
+        said = self._said.read_text()
         assert "Traceback" not in said, said
-        return self.process.returncode, said
+        return code, said
+
+    def killed(self) -> None:
+        """Be killed without a word."""
+        self.process.kill()
+        self.process.wait()
 
     # What its record tells.
 

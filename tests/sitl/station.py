@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import struct
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -23,8 +23,8 @@ PX4_MODES = {"POSCTL": (3, 0), "AUTO.LOITER": (4, 3), "AUTO.RTL": (4, 5), "AUTO.
 INT32, PREARM_CHECK = 6, 0x10000000
 COMPANION, STATION, TRACKER = 191, 255, 254
 
-Settings = Mapping[tuple[str, ...], float]
-"""Values by the names that a parameter has had."""
+Settings = Mapping[str, float]
+"""Values of parameters; versions that do not know one of several names know another."""
 
 
 class Station:
@@ -154,43 +154,39 @@ class Station:
         self.asks(511, number, 1e6 / rate_hz)
 
     @contextlib.contextmanager
-    def parameter(self, *names: str, value: float) -> Iterator[None]:
-        """Set a parameter for a while, by whichever of its names the vehicle knows."""
-        name, before = self.reads(*names)
-        self.sets(name, value)
+    def settings(self, wanted: Settings) -> Iterator[None]:
+        """Set those parameters that the vehicle knows, for a while."""
+        before = {name: value for name in wanted if (value := self.reads(name)) is not None}
+        assert before, f"the vehicle knows none of {', '.join(wanted)}"
+        for name in before:
+            self.sets(name, wanted[name])
         try:
             yield
         finally:
-            self.sets(name, before)
+            for name, value in before.items():
+                self.sets(name, value)
 
-    @contextlib.contextmanager
-    def settings(self, wanted: Settings) -> Iterator[None]:
-        """Set several parameters for a while."""
-        with contextlib.ExitStack() as changed:
-            for names, value in wanted.items():
-                changed.enter_context(self.parameter(*names, value=value))
-            yield
-
-    def reads(self, *names: str) -> tuple[str, float]:
-        """Give a parameter's value and which of its names the vehicle knows."""
-        for name in names * 3:
+    def reads(self, name: str) -> float | None:
+        """Give a parameter's value; None when the vehicle does not know it."""
+        for _ in range(3):
             self.latest.pop("PARAM_VALUE", None)
-            request = (self.vehicle.sysid, 1, name.encode(), -1)
+            request = (self.sysid, 1, name.encode(), -1)
             self.send(mavlink.MAVLink_param_request_read_message(*request))
             with contextlib.suppress(AssertionError):
-                self.waits(partial(self._told, name), name, 1.0)
-                return name, _number(self.latest["PARAM_VALUE"])
-        raise AssertionError(f"the vehicle has no parameter {' or '.join(names)}")
+                self.waits(lambda: self._told(name), name, 1.0)
+                return _number(self.latest["PARAM_VALUE"])
+        return None
 
     def sets(self, name: str, value: float) -> None:
-        name, _ = self.reads(name)
+        assert self.reads(name) is not None, f"the vehicle does not know {name}"
         kind = self.latest["PARAM_VALUE"].param_type
         is_bytewise = self.vehicle.autopilot == "px4" and kind == INT32
         sent = struct.unpack("<f", struct.pack("<i", int(value)))[0] if is_bytewise else value
-        self.send(
-            mavlink.MAVLink_param_set_message(self.vehicle.sysid, 1, name.encode(), sent, kind)
+        self.send(mavlink.MAVLink_param_set_message(self.sysid, 1, name.encode(), sent, kind))
+        self.waits(
+            lambda: math.isclose(self.reads(name) or 0.0, value, abs_tol=1e-3),
+            f"{name} set to {value}",
         )
-        self.waits(lambda: abs(self.reads(name)[1] - value) < 1e-3, f"{name} set to {value}", 5.0)
 
     def send(self, message: Any) -> None:
         if self._address is not None:

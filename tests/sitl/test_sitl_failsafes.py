@@ -16,19 +16,19 @@ PEACEFUL = {"HEARTBEAT", "TUNNEL"}
 
 BATTERY: Mapping[str, tuple[Settings, Settings]] = {
     "px4": (
-        {("COM_LOW_BAT_ACT",): 2, ("BAT_LOW_THR",): 0.9, ("BAT_CRIT_THR",): 0.8},
-        {("SIM_BAT_DRAIN",): 20, ("SIM_BAT_MIN_PCT",): 60},
+        {"COM_LOW_BAT_ACT": 2, "BAT_LOW_THR": 0.9, "BAT_CRIT_THR": 0.8},
+        {"SIM_BAT_DRAIN": 20, "SIM_BAT_MIN_PCT": 60},
     ),
-    "ardupilot": ({("BATT_FS_LOW_ACT",): 1}, {("BATT_LOW_VOLT",): 20.0}),
+    "ardupilot": ({"BATT_FS_LOW_ACT": 1}, {"BATT_LOW_VOLT": 20}),
 }
 """What is set on the ground, so that it lands early, and in the air, so that it is low."""
 SATELLITES: Mapping[str, Settings] = {
-    "px4": {("SIM_GPS_USED",): 0},
-    "ardupilot": {("SIM_GPS1_NUMSATS", "SIM_GPS_NUMSATS"): 0},
+    "px4": {"SIM_GPS_USED": 0},
+    "ardupilot": {"SIM_GPS1_ENABLE": 0, "SIM_GPS_DISABLE": 1},
 }
 STATION_LOST: Mapping[str, Settings] = {
-    "px4": {("NAV_DLL_ACT",): 2, ("COM_DL_LOSS_T",): 5},
-    "ardupilot": {("FS_GCS_ENABLE",): 1},
+    "px4": {"NAV_DLL_ACT": 2, "COM_DL_LOSS_T": 5},
+    "ardupilot": {"FS_GCS_ENABLE": 1},
 }
 
 

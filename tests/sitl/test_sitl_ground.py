@@ -73,13 +73,14 @@ def test_an_arducopter_without_a_position_says_what_it_waits_for(airfield: Airfi
     assert code == 1, said
     ((phase, reason),) = flight.results().values()
     assert phase == "failed"
-    assert reason.startswith("not ready after 25 s: no local position (")
-    assert "Need Position Estimate" in reason
+    said = [event["data"]["text"] for event in flight.events("StatusText")]
+    own = [text.removeprefix("PreArm: ") for text in said if text.startswith("PreArm: ")]
+    assert reason == f"not ready after 25 s: no local position ({own[-1]})"
 
 
 def test_a_px4_that_a_check_keeps_on_the_ground_says_which(airfield: Airfield) -> None:
     (alpha,) = airfield.ready("px4", 1)
-    with alpha.parameter("NAV_DLL_ACT", value=2):
+    with alpha.settings({"NAV_DLL_ACT": 2}):
         flight = airfield.flies([alpha], "--open-air", ready_timeout_s=25.0)
         code, said = flight.ends()
     assert code == 1, said

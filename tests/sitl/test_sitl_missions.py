@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 from sitl.airfield import Airfield, Report
@@ -66,6 +67,31 @@ def test_a_pilot_takes_over_and_the_vehicle_hovers_until_it_is_given_back(
     assert flight.ends()[0] == 0
     assert flight.said_while(alpha.sysid, "yielded") <= PEACEFUL
     assert flight.phase(alpha.sysid) == "done"
+
+
+@pytest.mark.parametrize("away_s", [1.0, 13.0], ids=["guarded", "abandoned"])
+def test_a_killed_controller_that_is_started_again_takes_its_vehicles_over(
+    airfield: Airfield, autopilot: str, away_s: float, report: Report
+) -> None:
+    pair = airfield.ready(autopilot)
+    flight = airfield.flies(pair, "--open-air", "--duration", 60.0)
+    flight.waits_for("exploring")
+    flight.rests(10.0)
+    before = [station.place for station in pair]
+    flight.killed()
+    began = time.monotonic()
+    while time.monotonic() - began < away_s:
+        pair[0].waits(lambda: True, "a moment")
+    flight.starts()
+    flight.waits(lambda: len(flight.events("ControllerRestarted")) == len(pair), "restarted")
+    flight.waits_for("exploring", within_s=20.0)
+    report("out of control, s", round(time.monotonic() - began, 1))
+    moved = [math.dist(place, station.place) for place, station in zip(before, pair, strict=True)]
+    report("moved meanwhile, m", [round(metres, 1) for metres in moved])
+    assert max(moved) < 6.0
+    code, said = flight.ends(180.0)
+    assert code == 0, said
+    assert {phase for phase, _ in flight.results().values()} == {"done"}
 
 
 def test_a_station_orders_the_controller_to_pause_go_on_and_land(
