@@ -73,8 +73,8 @@ def test_an_arducopter_without_a_position_says_what_it_waits_for(airfield: Airfi
     assert code == 1, said
     ((phase, reason),) = flight.results().values()
     assert phase == "failed"
-    said = [event["data"]["text"] for event in flight.events("StatusText")]
-    own = [text.removeprefix("PreArm: ") for text in said if text.startswith("PreArm: ")]
+    texts = [event["data"]["text"] for event in flight.events("StatusText")]
+    own = [text.removeprefix("PreArm: ") for text in texts if text.startswith("PreArm: ")]
     assert reason == f"not ready after 25 s: no local position ({own[-1]})"
 
 
