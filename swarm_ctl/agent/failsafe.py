@@ -38,6 +38,8 @@ class Health:
     """Since the fence was left; 0 inside."""
     untold_s: float = 0.0
     """Since the autopilot told its mode."""
+    round_trip_s: float = 0.0
+    """There and back over the link to the autopilot."""
     estimate: str = ""
     """What is wrong with the position estimate, in words; empty when nothing is."""
 
@@ -91,6 +93,11 @@ RULES: tuple[Rule, ...] = (
         lambda h, _m: bool(h.estimate),
         Cause.HOLD,
         "{h.estimate}",
+    ),
+    (
+        lambda h, m: h.round_trip_s > m.link_delay_s,
+        Cause.HOLD,
+        "link slow: {h.round_trip_s:.1f} s there and back",
     ),
     (
         lambda h, m: h.range_age_s > m.range_stale_s,

@@ -60,10 +60,8 @@ def _on_ground(agent: Agent) -> Verdict | None:
 def _is_ours(agent: Agent) -> bool:
     """Whether nobody but the autopilot's own failsafe has changed the mode that we chose."""
     telemetry, vigil = agent.telemetry, agent.vigil
-    pilot = telemetry.autopilot
-    may_resume = telemetry.is_failsafe and pilot is not None and pilot.resumes_from_failsafe
     may_land = vigil.lost_from is Phase.LANDING or bool(vigil.distrust)
-    return telemetry.is_offboard or may_resume or (may_land and telemetry.is_landing)
+    return telemetry.is_offboard or telemetry.may_resume or (may_land and telemetry.is_landing)
 
 
 def _in_flight(agent: Agent) -> Verdict | None:

@@ -18,6 +18,7 @@ _COMMAND_ACK = wire.message("COMMAND_ACK")
 _COMMAND_LONG = wire.message("COMMAND_LONG")
 _SETPOINT = wire.message("SET_POSITION_TARGET_LOCAL_NED")
 _SET_ORIGIN = wire.message("SET_GPS_GLOBAL_ORIGIN")
+_TIMESYNC = wire.message("TIMESYNC")
 _TUNNEL = wire.message("TUNNEL")
 
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _STATE_ACTIVE, _MAVLINK_VERSION = 18, 8, 4, 3
@@ -42,6 +43,10 @@ class Sender:
         """Ask the vehicle's own autopilot for something."""
         target = (self.sysid, AUTOPILOT_COMPONENT)
         return self._pack(_COMMAND_LONG, *target, wanted.id, confirmation, *wanted.parameters)
+
+    def timesync(self, stamp_ns: int) -> bytes:
+        """Ask the autopilot to send a stamp back."""
+        return self._pack(_TIMESYNC, 0, stamp_ns)
 
     def acknowledge(self, ack: Ack) -> bytes:
         """Tell a ground station what became of its command."""

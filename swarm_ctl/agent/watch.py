@@ -202,6 +202,7 @@ def _health(agent: Agent) -> Health:
         battery_fraction=1.0 if battery is None else battery,
         way_home_fraction=agent.vigil.endurance.needed,
         outside_s=_outside_s(agent),
+        round_trip_s=telemetry.timesync.round_trip_s(now),
         estimate=_estimate_trouble(agent),
     )
 
@@ -252,6 +253,6 @@ def _has_lost_the_stick(agent: Agent) -> bool:
         lost_s = max(lost_s, agent.entered_s)
     if agent.phase not in STEERING | {Phase.TAKEOFF} and telemetry.custom_mode == vigil.mode_before:
         grace_s = math.inf if agent.phase is Phase.ARMING else MODE_LAG_S
-    elif telemetry.is_failsafe and pilot.resumes_from_failsafe:
+    elif telemetry.may_resume:
         grace_s = FAILSAFE_S
     return telemetry.mode_s - lost_s >= grace_s

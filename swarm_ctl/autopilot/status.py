@@ -104,6 +104,13 @@ class Status:
         return self.system_status == CRITICAL and (chooses or self.is_offboard)
 
     @property
+    def may_resume(self) -> bool:
+        """Whether its failsafe gives the mode back by itself once setpoints come again."""
+        pilot, is_final = self.autopilot, self.system_status == TERMINATED
+        resumes = pilot is not None and pilot.resumes_from_failsafe
+        return self.is_failsafe and resumes and not is_final
+
+    @property
     def mode_name(self) -> str:
         """Name the mode the autopilot is in."""
         return self.autopilot.mode_name(self.custom_mode) if self.autopilot else "unknown"

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from swarm_ctl import wire
 from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, RADIO_COMPONENT
 from swarm_ctl.autopilot.status import Status
+from swarm_ctl.autopilot.timesync import Timesync
 from swarm_ctl.frames import Geodetic, body_to_ned, rotate, turn, wrap_rad
 from swarm_ctl.model import ZERO, Vec3
 
@@ -27,6 +28,7 @@ SUBSCRIBED = (
     "STATUSTEXT",
     "EVENT",
     "GPS_GLOBAL_ORIGIN",
+    "TIMESYNC",
     "TUNNEL",
 )
 SCAN_HZ = {"OBSTACLE_DISTANCE": 5.0}
@@ -40,8 +42,6 @@ STEADY_RAD_S = 0.3
 """A scan taken while the vehicle turns faster is smeared: 0.1 s late is 2 degrees off."""
 JUMP_M, JUMP_WITHIN_S = 1.0, 1.0
 """A position this far from where the last one and the velocity lead to has jumped."""
-MOVING_M_S = 0.05
-"""Who moves and is where it was has telemetry that hangs."""
 _DISTANCE_SENSOR = wire.message("DISTANCE_SENSOR").id
 
 
@@ -78,6 +78,7 @@ class Telemetry(Status):
         self.yaw_rate_rad_s = 0.0
         self.attitude_rad = ZERO
         """Roll, pitch, yaw."""
+        self.timesync = Timesync()
         self.ranges_m = [math.inf] * 6
         self.ranges_s = [-math.inf] * 6
         self.scan_m: list[Vec3] = []
@@ -98,6 +99,7 @@ class Telemetry(Status):
                 "LANDING_TARGET": self._landing_target,
                 "OBSTACLE_DISTANCE": self._scan,
                 "GPS_GLOBAL_ORIGIN": self._origin,
+                "TIMESYNC": self._timesync,
             }
         )
 
@@ -156,7 +158,7 @@ class Telemetry(Status):
         start = self.start_ned_m
         position = Vec3(place.x - start.x, place.y - start.y, place.z - start.z)
         is_repeated = self._is_repeated("LOCAL_POSITION_NED", values.time_boot_ms)
-        if math.hypot(*velocity) > MOVING_M_S:
+        if any(velocity):  # no estimate of who flies says the same twice: this telemetry hangs
             is_repeated |= (position, velocity) == (self.position_ned_m, self.velocity_ned_m_s)
         if is_repeated or not all(map(math.isfinite, (*position, *velocity))):
             return
@@ -167,6 +169,10 @@ class Telemetry(Status):
                 self.jump_m, self.jump_s = jump_m, now
         self.position_ned_m, self.velocity_ned_m_s = position, velocity
         self.position_s = now
+
+    def _timesync(self, values: Any, now: float) -> None:
+        if values.tc1:  # an answer; without it the autopilot asks
+            self.timesync.answered(values.ts1, now)
 
     def _distance(self, values: Any, now: float) -> None:
         index = RANGE_BY_ORIENTATION.get(values.orientation)

@@ -126,6 +126,27 @@ def test_a_vehicle_never_heard_again_is_given_up(launch: Launch, detect: Detect)
     assert flight.agent(2).phase in EXPLORES
 
 
+@BOTH
+def test_behind_a_slow_link_a_vehicle_holds_and_lands(
+    launch: Launch, detect: Detect, autopilot: str
+) -> None:
+    flight = exploring(launch, autopilot=autopilot, vehicles=3)
+    agent = flight.agent(1)
+    strike(flight, "link-delay", delay_s=0.4)
+    detect(flight, "link slow", lambda: agent.phase is Phase.HOLDING, 1.5)
+    assert "link slow: 0." in agent.reason
+    flight.fly_until(lambda: agent.phase is Phase.DONE, within_s=40)
+    assert flight.truth()["collisions"] == 0
+
+
+def test_a_link_that_was_slow_for_a_while_is_flown_on(launch: Launch) -> None:
+    flight = exploring(launch)
+    agent = flight.agent(1)
+    strike(flight, "link-delay", 4.0, delay_s=0.4)
+    flight.fly_until(lambda: agent.phase is Phase.HOLDING, within_s=2)
+    flight.fly_until(lambda: agent.phase in EXPLORES, within_s=10)
+
+
 def test_a_vehicle_that_was_on_its_way_home_goes_on_home_when_it_is_heard_again(
     launch: Launch,
 ) -> None:

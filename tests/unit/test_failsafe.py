@@ -36,6 +36,7 @@ def test_a_healthy_vehicle_flies_on() -> None:
         ("battery_fraction", 0.2, Cause.RETURN, "battery low at 20%, the way home takes 0%"),
         ("way_home_fraction", 0.7, Cause.RETURN, "battery low at 90%, the way home takes 70%"),
         ("outside_s", 11.0, Cause.LAND, "outside its fence for 11 s"),
+        ("round_trip_s", 0.7, Cause.HOLD, "link slow: 0.7 s there and back"),
         ("estimate", "its position jumped", Cause.HOLD, "its position jumped"),
     ],
 )
