@@ -25,8 +25,11 @@ class Link(Protocol):
     def send(self, data: bytes, to: Source | None = None) -> bool:
         """Send, to who called last when none is named; False when it did not leave."""
 
-    def reach(self) -> str:
-        """Give an address by which another process reaches the vehicle; empty if none can."""
+    def reach(self, to: Source | None = None) -> str:
+        """Give an address by which another process reaches the vehicle, or who spoke from `to`.
+
+        Empty if none can.
+        """
 
     def close(self) -> None:
         """Hear and send nothing any more."""

@@ -120,9 +120,9 @@ class MeshedLink:
         if data and self._heard is not None:
             self._heard(data, MESH)
 
-    def reach(self) -> str:
+    def reach(self, to: Source | None = None) -> str:
         """Give an address by which another process reaches the vehicle; empty if none can."""
-        return self._link.reach()
+        return self._link.reach(to)
 
     def close(self) -> None:
         """Hear nothing any more; the mesh stays open for the others."""

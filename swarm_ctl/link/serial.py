@@ -8,6 +8,7 @@ import termios
 from typing import TYPE_CHECKING
 
 from swarm_ctl.errors import SwarmError
+from swarm_ctl.link.base import Source
 from swarm_ctl.link.stream import StreamLink
 from swarm_ctl.link.url import parse
 
@@ -36,7 +37,7 @@ class SerialLink(StreamLink):
         except _ERRORS as error:
             raise SwarmError(f"{url}: {_words(error)}") from None
 
-    def reach(self) -> str:
+    def reach(self, _to: Source | None = None) -> str:
         """Give the port, which another process may open while nobody has it."""
         return f"serial://{self._device}:{self._baud}"
 

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from swarm_ctl import wire
-from swarm_ctl.link.base import STREAM, Heard, Link, Source
-from swarm_ctl.link.udp import reach_udp
+from swarm_ctl.link.base import Heard, Link, Source
 from swarm_ctl.link.url import parse
 
 AUTOPILOT_COMPONENT, COMPANION_COMPONENT, NO_AUTOPILOT = 1, 191, 8
@@ -112,11 +111,9 @@ class Member:
         to = to or self.source
         return (to is not None or not self.shared.is_listening) and self.shared.link.send(data, to)
 
-    def reach(self) -> str:
+    def reach(self, to: Source | None = None) -> str:
         """Give an address by which another process reaches the vehicle; empty if none can."""
-        if self.source is None or self.source == STREAM:
-            return self.shared.link.reach()
-        return reach_udp(self.source)
+        return self.shared.link.reach(to or self.source)
 
     def close(self) -> None:
         """Hear nothing any more; the link stays open for the others."""

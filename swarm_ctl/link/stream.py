@@ -42,7 +42,7 @@ class StreamLink:
         self._unsent = data[done:] if done else b""
         return done > 0
 
-    def reach(self) -> str:
+    def reach(self, _to: Source | None = None) -> str:
         """Give nothing: most who are connected to hear one client alone."""
         return ""
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import select
 import socket
 import zlib
 
@@ -14,6 +16,7 @@ DATAGRAM_BYTES = 2048
 """Larger than any datagram a vehicle sends; a small buffer is several times faster to receive."""
 BUFFER_BYTES = 1 << 18
 MOST_PER_WAKE_UP = 64
+ATTEMPTS, ATTEMPT_S = 3, 0.005
 FIRST_LOCAL, LOCAL_PORTS = 10_000, 4_000
 """Where ports are taken to speak from: below those that systems and simulators give."""
 
@@ -94,9 +97,13 @@ class UdpLink:
             self._peer = arrived[-1][1]
         return arrived
 
-    def reach(self) -> str:
-        """Give the address that another process reaches who is spoken to by."""
-        return reach_udp(self._peer) if self._peer else ""
+    def reach(self, to: Source | None = None) -> str:
+        """Give the address of who is spoken to, and behind it the own port, which it may insist on.
+
+        An autopilot that calls us hears nobody but the port that it calls.
+        """
+        peer = to or self._peer
+        return f"udpout://{peer[0]}:{peer[1]}/{self._socket.getsockname()[1]}" if peer else ""
 
     def close(self) -> None:
         """Close the socket."""
@@ -110,6 +117,11 @@ class UdpLink:
             heard(data, sender)
 
 
-def reach_udp(source: Source) -> str:
-    """Write down how who spoke from somewhere is reached."""
-    return f"udpout://{source[0]}:{source[1]}"
+def _bind(listener: socket.socket, address: Source) -> None:
+    """Take a port; a guardian may have it for a fraction of a millisecond, ten times a second."""
+    for _ in range(ATTEMPTS):
+        with contextlib.suppress(OSError):
+            listener.bind(address)
+            return
+        select.select([], [], [], ATTEMPT_S)
+    listener.bind(address)

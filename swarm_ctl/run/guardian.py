@@ -96,8 +96,6 @@ class Ways:
     """Ports opened when they are needed, and never read."""
 
     def __init__(self) -> None:
-        self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._udp.setblocking(False)
         self._serial: dict[str, int] = {}
 
     def send(self, reach: str, data: bytes) -> None:
@@ -106,7 +104,9 @@ class Ways:
         host, _, port = where.rpartition(":")
         with contextlib.suppress(OSError, ValueError, ImportError):
             if scheme == "udpout":
-                self._udp.sendto(data, (host, int(port)))
+                port, _, own = port.partition("/")
+                with _speaker(int(own)) as speaker:
+                    speaker.sendto(data, (host, int(port)))
             elif scheme == "serial":
                 os.write(self._port(host, port), data)
 
@@ -123,6 +123,18 @@ class Ways:
             termios.tcsetattr(port, termios.TCSANOW, attributes)
             self._serial[device] = port
         return self._serial[device]
+
+
+def _speaker(own: int) -> socket.socket:
+    """Speak from the port that the vehicle knows, for so short that a successor can have it.
+
+    A controller that hangs has it still; then from another, which not every vehicle hears.
+    """
+    speaker = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    speaker.setblocking(False)
+    with contextlib.suppress(OSError):
+        speaker.bind(("", own))
+    return speaker
 
 
 def main() -> None:

@@ -42,7 +42,7 @@ class Wire:
         self.sent.append((data, to))
         return True
 
-    def reach(self) -> str:
+    def reach(self, _to: Source | None = None) -> str:
         return ""
 
     def close(self) -> None: ...

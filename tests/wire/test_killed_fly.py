@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -18,8 +19,10 @@ from halls import write_hall
 from mock_process import Mock
 
 from mock_vehicle.testing import RealVehicle
+from swarm_ctl.link.udp import UdpLink
 from swarm_ctl.record.flight_journal import read_flight_journal
 from swarm_ctl.record.resume import journals_in
+from swarm_ctl.run.guardian import Ways
 
 pytestmark = pytest.mark.wire
 
@@ -199,3 +202,21 @@ def test_a_vehicle_hovers_while_its_controller_hangs_or_is_dead(
             process.kill()
             for pid in processes("swarm_ctl.run.guardian"):  # which would look after it longer
                 os.kill(pid, signal.SIGKILL)
+
+
+def test_the_guardian_speaks_from_the_port_that_a_dead_controller_had() -> None:
+    vehicle, controller = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    with vehicle, controller:
+        for one in (vehicle, controller):
+            one.bind(("127.0.0.1", 0))
+            one.settimeout(2.0)
+        called, ways = controller.getsockname(), Ways()
+        reach = f"udpout://127.0.0.1:{vehicle.getsockname()[1]}/{called[1]}"
+        ways.send(reach, b"it hangs")
+        data, source = vehicle.recvfrom(64)
+        assert (data, source == called) == (b"it hangs", False)
+        controller.close()
+        vehicle.connect(called)  # as ArduPilot's UDP clients: they hear nobody else
+        ways.send(reach, b"it is dead")
+        assert vehicle.recv(64) == b"it is dead"
+        UdpLink(f"udpin://127.0.0.1:{called[1]}").close()  # raises when a successor cannot have it

@@ -48,7 +48,7 @@ class Cable:
         self.sent.append(data)
         return True
 
-    def reach(self) -> str:
+    def reach(self, _to: Source | None = None) -> str:
         return ""
 
     def close(self) -> None:
