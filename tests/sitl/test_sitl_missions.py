@@ -69,9 +69,11 @@ def test_a_pilot_takes_over_and_the_vehicle_hovers_until_it_is_given_back(
     assert flight.phase(alpha.sysid) == "done"
 
 
-@pytest.mark.parametrize("away_s", [1.0, 13.0], ids=["guarded", "abandoned"])
+@pytest.mark.parametrize(
+    ("away_s", "farthest_m"), [(1.0, 2.0), (13.0, 8.0)], ids=["guarded", "abandoned"]
+)
 def test_a_killed_controller_that_is_started_again_takes_its_vehicles_over(
-    airfield: Airfield, autopilot: str, away_s: float, report: Report
+    airfield: Airfield, autopilot: str, away_s: float, farthest_m: float, report: Report
 ) -> None:
     pair = airfield.ready(autopilot)
     flight = airfield.flies(pair, "--open-air", "--duration", 60.0)
@@ -80,15 +82,14 @@ def test_a_killed_controller_that_is_started_again_takes_its_vehicles_over(
     before = [station.place for station in pair]
     flight.killed()
     began = time.monotonic()
-    while time.monotonic() - began < away_s:
-        pair[0].waits(lambda: True, "a moment")
+    time.sleep(away_s)  # noqa: TID251 - real vehicles live in real time
     flight.starts()
     flight.waits(lambda: len(flight.events("ControllerRestarted")) == len(pair), "restarted")
     flight.waits_for("exploring", within_s=20.0)
     report("out of control, s", round(time.monotonic() - began, 1))
     moved = [math.dist(place, station.place) for place, station in zip(before, pair, strict=True)]
     report("moved meanwhile, m", [round(metres, 1) for metres in moved])
-    assert max(moved) < 6.0
+    assert max(moved) < farthest_m
     code, said = flight.ends(180.0)
     assert code == 0, said
     assert {phase for phase, _ in flight.results().values()} == {"done"}
