@@ -21,6 +21,7 @@ from swarm_ctl.experiment.arena import STEPS_PER_TICK, Arena
 from swarm_ctl.flight import controllers_for
 from swarm_ctl.mission import Mission, load_mission
 from swarm_ctl.model import Operator
+from swarm_ctl.record import flight_journal
 from swarm_ctl.record.folder import RunFolder
 
 EXPLORES = ("exploring", "avoiding")
@@ -235,6 +236,28 @@ def test_peers_are_never_told_two_things_under_one_number(begin: Begin) -> None:
         shorter = min(map(len, copies))
         assert shorter > 10
         assert copies[0][:shorter] == copies[1][:shorter]
+
+
+def test_what_a_power_failure_took_from_the_end_hides_nothing_new_from_peers(
+    begin: Begin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = exploring(begin, 20.0, vehicles=2, planner={"kind": "explore"}, world=LOUD)
+    flight.kill()
+    lines = flight.journal(1).read_bytes().splitlines(keepends=True)
+    flight.journal(1).write_bytes(b"".join(lines[:-3]))  # what the disk had
+    monkeypatch.setattr(flight_journal, "boot_id", lambda: "after the next boot")
+    flight.restart()
+    one, other = (flight.agent(sysid).explorer for sysid in (1, 2))
+    assert one is not None
+    assert other is not None
+    told = other.trails.length(1)
+    known = one.trails.length(1)
+    assert known > told, "nobody takes a new entry for one that is known"
+    flight.fly(15.0)
+    entries = one.trails.entries(1)
+    assert len(entries) > known + 5
+    assert other.trails.entries(1)[known:] == entries[known : other.trails.length(1)]
+    assert other.trails.length(1) > known
 
 
 # -- every phase ---------------------------------------------------------------------------------

@@ -70,10 +70,11 @@ class Pad:
         )
         return self.processes[-1]
 
-    def kill(self) -> None:
+    def kill(self, process: subprocess.Popen[str] | None = None) -> None:
         """Kill the whole process group, as a service manager would; no word is said."""
-        os.killpg(self.processes[-1].pid, signal.SIGKILL)
-        self.processes[-1].communicate()
+        process = process or self.processes[-1]
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
 
     def state(self, sysid: int) -> dict[str, Any]:
         """Give what a controller has written last of everything."""
@@ -109,7 +110,7 @@ class Pad:
 
 
 @pytest.fixture
-def pad(tmp_path: Path) -> Iterator[Callable[..., Pad]]:
+def pad(tmp_path: Path, processes: Callable[[str], list[int]]) -> Iterator[Callable[..., Pad]]:
     pads: list[Pad] = []
 
     def build(vehicles: int = 2, autopilot: str = "mixed", **changes: Any) -> Pad:
@@ -122,6 +123,8 @@ def pad(tmp_path: Path) -> Iterator[Callable[..., Pad]]:
             process.kill()
             process.communicate()
         one.mock.end()
+    for pid in processes("swarm_ctl.run.guardian"):  # which look after the killed for 10 s
+        os.kill(pid, signal.SIGKILL)
 
 
 Build = Callable[..., Pad]
@@ -156,6 +159,26 @@ def test_a_mission_survives_two_kills(pad: Build) -> None:
 
 def record(out: Path) -> list[Path]:
     return [*out.glob("journals/*"), *out.glob("tlogs/*"), out / "events.jsonl"]
+
+
+def test_the_newest_run_that_was_killed_is_taken_up_and_no_other(pad: Build) -> None:
+    field = pad(1, "ardupilot")
+    first = field.fly(out=False)
+    field.wait_for(lambda: any((field.folder / "runs").glob("*/journals/*")))
+    (field.out,) = (field.folder / "runs").glob("hall-*")
+    field.wait_for(lambda: field.all_in("exploring"))
+    twin = field.fly(out=False)
+    _, complained = twin.communicate(timeout=PATIENCE_S)
+    assert twin.returncode == 2
+    assert "another process is flying this vehicle" in complained
+    field.kill(first)
+    again = field.fly(out=False)
+    field.wait_for(lambda: field.state(1).get("restart") == 1)
+    field.kill(again)
+    said, _ = field.fly("--new", out=False).communicate(timeout=PATIENCE_S)
+    assert "taking up" not in said
+    assert "armed already" in said
+    assert len(list((field.folder / "runs").glob("hall-*"))) == 2
 
 
 # -- the guardian --------------------------------------------------------------------------------
@@ -200,7 +223,7 @@ def test_a_vehicle_hovers_while_its_controller_hangs_or_is_dead(
                 process.send_signal(signal.SIGCONT)
         finally:
             process.kill()
-            for pid in processes("swarm_ctl.run.guardian"):  # which would look after it longer
+            for pid in processes("swarm_ctl.run.guardian"):
                 os.kill(pid, signal.SIGKILL)
 
 
