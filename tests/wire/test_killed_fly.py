@@ -18,7 +18,7 @@ import yaml
 from halls import write_hall
 from mock_process import Mock
 
-from mock_vehicle.testing import RealVehicle
+from mock_vehicle.testing import RealSwarm
 from swarm_ctl.link.udp import UdpLink
 from swarm_ctl.record.flight_journal import read_flight_journal
 from swarm_ctl.record.resume import journals_in
@@ -188,38 +188,34 @@ KEY = "correct horse battery staple"
 OFFBOARD = {"OFFBOARD", "GUIDED"}
 
 
-@pytest.mark.parametrize(
-    "mock_vehicle",
-    [{"autopilot": "px4", "signing_key": KEY}, {"autopilot": "ardupilot"}],
-    ids=["px4-signed", "ardupilot"],
-    indirect=True,
-)
-@pytest.mark.mock_vehicle(rates="lean")
-def test_a_vehicle_hovers_while_its_controller_hangs_or_is_dead(
-    mock_vehicle: RealVehicle, tmp_path: Path, processes: Callable[[str], list[int]]
+@pytest.mark.mock_vehicle(autopilot="mixed", vehicles=2, rates="lean", signing_key=KEY)
+def test_vehicles_hover_while_their_controllers_hang_or_are_dead(
+    mock_swarm: RealSwarm, tmp_path: Path, processes: Callable[[str], list[int]]
 ) -> None:
-    key = tmp_path / "key"
+    key, mission = tmp_path / "key", tmp_path / "roam.yaml"
     key.write_text(KEY)
-    options = ["--signing-key", str(key)] if mock_vehicle.autopilot == "px4" else []
-    mission = tmp_path / "roam.yaml"
     mission.write_text(yaml.safe_dump({"duration_s": 300.0, "planner": ROAM, "flight": CLIMB}))
-    words = ["-m", "swarm_ctl", "fly", mission, "--sysid", 1, "--connect", mock_vehicle.url]
+    words = ["fly", mission, "--sysid", 1, "--out", tmp_path / "run", "--signing-key", key]
+    words += [word for one in mock_swarm for word in ("--connect", one.url)]
     with subprocess.Popen(
-        [sys.executable, *map(str, words), "--out", str(tmp_path / "run"), *options],
+        [sys.executable, "-m", "swarm_ctl", *map(str, words)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         start_new_session=True,
     ) as process:
         try:
             for number in (signal.SIGSTOP, signal.SIGKILL):
-                mock_vehicle.wait_until(lambda truth: truth.speed_m_s > 0.6)
+                for one in mock_swarm:
+                    one.wait_until(lambda truth: truth.speed_m_s > 0.6)
                 process.send_signal(number)
-                mock_vehicle.wait_until(lambda truth: truth.speed_m_s < 0.1, timeout_s=4.0)
-                until_s = mock_vehicle.truth.time_s + 2.0
-                seen = mock_vehicle.wait_until(lambda truth: truth.time_s > until_s)  # noqa: B023
-                assert seen.speed_m_s < 0.1
-                assert seen.height_m > 1.0
-                assert seen.mode in OFFBOARD, "no failsafe was needed"
+                for one in mock_swarm:
+                    one.wait_until(lambda truth: truth.speed_m_s < 0.1, timeout_s=4.0)
+                until_s = mock_swarm[1].truth.time_s + 2.0
+                mock_swarm[1].wait_until(lambda truth: truth.time_s > until_s)  # noqa: B023
+                for one in mock_swarm:
+                    assert one.truth.speed_m_s < 0.1
+                    assert one.truth.height_m > 1.0
+                    assert one.truth.mode in OFFBOARD, "no failsafe was needed"
                 process.send_signal(signal.SIGCONT)
         finally:
             process.kill()
