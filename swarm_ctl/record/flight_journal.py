@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from swarm_ctl.errors import SwarmError
+from swarm_ctl.record.append import AppendFile
 
 FORMAT = 1
 _LINE = re.compile(rb'(\{.*),"crc":"([0-9a-f]{8})"\}', re.DOTALL)
@@ -59,30 +60,25 @@ class FlightJournal:
     """Append lines to `journals/vehicle-001.jsonl`.
 
     A line is a JSON object whose last key is the CRC-32 of all that was written before it, so
-    that a line changed, lost or swapped breaks the chain. Every line is handed to the kernel
-    whole: a killed process loses nothing; what a power failure may take is bounded by `sync`.
+    that a line changed, lost or swapped breaks the chain. A killed process loses nothing; what a
+    power failure may take is bounded by `RunFolder.sync`.
     """
 
     def __init__(self, path: Path, head: Mapping[str, Any], after: Story | None = None) -> None:
         """Begin a journal, or go on `after` what is written; SwarmError if another process does."""
-        self.path = path
-        self.fault = ""
-        """Why nothing is written any more, in words."""
-        self.is_closed = False
+        self.file = AppendFile(path)
         self._crc = after.crc if after else 0
-        self._is_synced = True
         self._first: dict[str, Any] = {}
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            is_ours = after is None or os.fstat(self._file).st_size == after.found
+            fcntl.flock(self.file.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_ours = after is None or os.fstat(self.file.fd).st_size == after.found
         except OSError:
             is_ours = False
         if not is_ours:
-            self.close()
+            self.file.close()
             raise SwarmError(f"{path}: another process is flying this vehicle")
         if after:
-            os.ftruncate(self._file, after.size)
+            os.ftruncate(self.file.fd, after.size)
         if not after or not after.head:
             self.append({"format": FORMAT, **head, "boot": boot_id()})
         if after:
@@ -90,30 +86,14 @@ class FlightJournal:
 
     def append(self, page: Mapping[str, Any]) -> None:
         """Write a line; the journal ends for good where one cannot be written."""
-        if self.fault:
-            return
         utc = round(datetime.now(UTC).timestamp(), 3)
         line, self._crc = _encode({**page, **self._first, "utc": utc}, self._crc)
-        self._first, self._is_synced = {}, False
-        try:
-            if os.write(self._file, line) < len(line):
-                self.fault = "the disk is full"
-        except OSError as error:
-            self.fault = error.strerror or str(error)
-
-    def sync(self) -> None:
-        """Wait until the disk has it, in another thread if wanted; OSError if it never will."""
-        if self.fault:
-            raise OSError(None, self.fault, str(self.path))
-        if not self._is_synced:
-            self._is_synced = True
-            os.fsync(self._file)
+        self._first = {}
+        self.file.write(line)
 
     def close(self) -> None:
-        """Close the file; more than once does no harm."""
-        if not self.is_closed:
-            self.is_closed = True
-            os.close(self._file)
+        """Close the file."""
+        self.file.close()
 
 
 def read_flight_journal(path: Path, expected: Mapping[str, Any]) -> Story:

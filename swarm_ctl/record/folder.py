@@ -165,9 +165,15 @@ class RunFolder:
         return self._flight_journals.get(sysid)
 
     def sync(self) -> None:
-        """Wait until the disk has the controllers' journals; meant for another thread."""
+        """Wait until the disk has the controllers' journals; meant for another thread.
+
+        Raises OSError when any file has ended because it could not be written.
+        """
         for journal in self._flight_journals.values():
-            journal.sync()
+            journal.file.sync()
+        for file in (self.journal.file, *(tlog.file for tlog in self._tlogs.values())):
+            if file.fault:
+                raise OSError(None, file.fault, str(file.path))
 
     def tlog(self, sysid: int) -> TlogWriter:
         """Give a vehicle's telemetry log, `tlogs/vehicle-001.tlog`; the same one every time."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Event
+from swarm_ctl.record.append import AppendFile
 
 
 class Journal:
@@ -15,14 +17,12 @@ class Journal:
 
     def __init__(self, path: Path, **first: Any) -> None:
         """Begin a journal, or go on with one, with a line that says so."""
-        with path.open("ab+") as file:
-            file.seek(0)
-            file.truncate(file.read().rfind(b"\n") + 1)  # what a kill has torn
-        self._file = path.open("a", encoding="utf-8", buffering=1)
+        self.file = AppendFile(path)
+        os.ftruncate(self.file.fd, path.read_bytes().rfind(b"\n") + 1)  # what a kill has torn
         self._line(first)
 
     def write(self, event: Event) -> None:
-        """Append one event and flush it."""
+        """Append one event; never raises."""
         self._line(
             {
                 "event": event.name,
@@ -34,11 +34,11 @@ class Journal:
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self.file.close()
 
     def _line(self, entry: dict[str, Any]) -> None:
-        # one write of a whole line; what JSON cannot say is written as text, a flight goes on
-        self._file.write(json.dumps(entry, default=str) + "\n")
+        # what JSON cannot say is written as text: a flight goes on
+        self.file.write(json.dumps(entry, default=str).encode() + b"\n")
 
 
 def read_journal(path: Path) -> list[dict[str, Any]]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from pathlib import Path
 
 from swarm_ctl import wire
+from swarm_ctl.record.append import AppendFile
 
 EPOCH_S = 1_704_067_200.0
 """2024-01-01T00:00:00Z: what mission time 0 is in a log of virtual time, so that runs compare."""
@@ -20,23 +22,23 @@ class TlogWriter:
 
     def __init__(self, path: Path, *, epoch_s: float = EPOCH_S, flush_s: float = FLUSH_S) -> None:
         """Begin a log, or go on with one behind its last whole frame."""
-        self._file = path.open("ab", buffering=1 << 16)
-        self._file.truncate(_whole_bytes(path))
+        self.file = AppendFile(path)
+        os.ftruncate(self.file.fd, _whole_bytes(path))
         self._flush_s = flush_s
         self._epoch_us = round(epoch_s * 1e6)
         self._flushed_s = 0.0
 
     def write(self, data: bytes, time_s: float) -> None:
-        """Log every whole frame of a datagram at a mission time; torn bytes are left out."""
+        """Log the whole frames of a datagram at a mission time; never raises."""
         stamp = struct.pack(">Q", self._epoch_us + round(time_s * 1e6))
-        self._file.write(stamp.join((b"", *wire.split(data))))
-        if time_s - self._flushed_s >= self._flush_s:
+        is_due = time_s - self._flushed_s >= self._flush_s
+        if is_due:
             self._flushed_s = time_s
-            self._file.flush()
+        self.file.write(stamp.join((b"", *wire.split(data))), flush=is_due)
 
     def close(self) -> None:
         """Write what is buffered and close the file."""
-        self._file.close()
+        self.file.close()
 
 
 def _whole_bytes(path: Path) -> int:

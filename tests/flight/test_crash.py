@@ -171,6 +171,17 @@ def test_a_vehicle_in_the_failsafe_of_its_autopilot_is_taken_over_as_well(begin:
     assert flight.agent(1).trouble == ""
 
 
+def test_the_journal_says_nothing_until_its_successor_has_the_stick(begin: Begin) -> None:
+    flight = exploring(begin, vehicles=1)
+    flight.kill()
+    before = flight.journal(1).stat().st_size
+    flight.restart()
+    while flight.agent(1).phase is Phase.LOST:
+        assert flight.journal(1).stat().st_size == before, "the guardian would let go"
+        flight.step()
+    assert flight.journal(1).stat().st_size > before
+
+
 def test_a_controller_may_die_again_and_again(begin: Begin) -> None:
     flight = begin(vehicles=3, duration_s=30.0, autopilot="mixed")
     while not flight.arena.is_over:

@@ -15,6 +15,7 @@ from swarm_ctl import wire
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Vec3
 from swarm_ctl.record import flight_journal
+from swarm_ctl.record.append import AppendFile
 from swarm_ctl.record.flight_journal import FlightJournal, Story, read_flight_journal
 from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.paths import PathRecorder
@@ -114,11 +115,14 @@ def test_after_a_boot_the_end_may_be_missing(file: Path, monkeypatch: pytest.Mon
     assert not read(file).is_whole
 
 
-def test_a_full_disk_ends_the_journal_and_not_the_flight() -> None:
-    journal = FlightJournal(Path("/dev/full"), HEAD)
-    journal.append({"time_s": 1.0})
-    journal.close()
-    assert journal.fault == "No space left on device"
+def test_a_full_disk_ends_the_record_and_not_the_flight() -> None:
+    full = AppendFile(Path("/dev/full"))
+    for _ in range(3):
+        full.write(b"a line\n")
+    with pytest.raises(OSError, match="No space left on device"):
+        full.sync()
+    full.close()
+    full.close()
 
 
 # -- the other parts of a run folder -------------------------------------------------------------
