@@ -249,6 +249,28 @@ def test_peers_are_never_told_two_things_under_one_number(begin: Begin) -> None:
         assert copies[0][:shorter] == copies[1][:shorter]
 
 
+def test_peers_are_told_of_nothing_that_is_not_written_down(begin: Begin) -> None:
+    flight = exploring(begin, 1.0, vehicles=2, planner={"kind": "explore"}, world=LOUD)
+    other = flight.agent(2).explorer
+    assert other is not None
+    for _ in range(1000):
+        flight.arena.step()
+        written = flight.arena.controllers[0]._diary._told[1]
+        assert other.trails.length(1) <= written
+    assert other.trails.length(1) > 20
+
+
+def test_a_level_way_home_leads_over_low_ground_at_its_own_height(begin: Begin) -> None:
+    flight = exploring(begin, vehicles=1)
+    agent = flight.agent(1)
+    here = agent.telemetry.position_ned_m
+    agent.trail.mark(here._replace(z=-0.2))  # where a failsafe had sunk it
+    agent.trail.mark(here)
+    way = agent.way_home(own=True)
+    assert len(way) > 1
+    assert {place.z for place in way} == {agent.telemetry.position_ned_m.z}
+
+
 def test_what_a_power_failure_took_from_the_end_hides_nothing_new_from_peers(
     begin: Begin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
