@@ -126,7 +126,7 @@ def resume(
         agent.telemetry.autopilot = next(named, None)
     if agent.phase is Phase.LOST:
         agent.reason = f"its controller was away for {away_s:.1f} s"
-    diary.wait()
+        diary.wait()
     agent.note("ControllerRestarted", phase=phase.value, away_s=round(away_s, 1))
     return diary
 

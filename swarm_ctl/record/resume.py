@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import swarm_ctl
 from swarm_ctl.errors import SwarmError
 
 JOURNALS = "journals"
@@ -64,7 +65,11 @@ def last_written(path: Path) -> float:
 
 
 def head_of(resolved: Mapping[str, Any]) -> dict[str, Any]:
-    """Say in a journal's first line whose mission it is of."""
+    """Say in a journal's first line what mission it is of, and what can read it."""
     text = json.dumps(dict(resolved), sort_keys=True)
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    return {"mission": resolved["name"], "mission_sha256": digest, "seed": resolved["seed"]}
+    return {
+        "swarm_ctl": swarm_ctl.__version__,
+        "mission": resolved["name"],
+        "mission_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "seed": resolved["seed"],
+    }

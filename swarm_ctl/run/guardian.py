@@ -87,8 +87,9 @@ class Guardian:
             return False
         if ward.held_s is None:
             ward.held_s, ward.written = now, self._written(sysid)
-        has_successor = self._written(sysid) != ward.written
-        ward.is_released = has_successor or now - ward.held_s > HELD_S
+        written = self._written(sysid)
+        ward.is_released = written > ward.written or now - ward.held_s > HELD_S
+        ward.written = min(ward.written, written)  # a torn line is cut off before anybody steers
         return not ward.is_released
 
 

@@ -107,6 +107,17 @@ def test_a_vehicle_whose_journal_grows_is_somebody_else_s() -> None:
     assert story.stopped(seconds=1.0) == [VEHICLE_2]
 
 
+def test_a_torn_line_that_is_cut_off_is_no_successor_s() -> None:
+    story = Story()
+    story.steer(1)
+    story.guardian.is_bereft = True
+    story.stopped(seconds=1.0)
+    story.journals[1] -= 90
+    assert story.stopped(seconds=1.0) == [VEHICLE_1]
+    story.journals[1] += 50
+    assert story.stopped() == []
+
+
 def test_nobody_is_held_for_longer_than_ten_seconds() -> None:
     story = Story()
     story.steer(1)
