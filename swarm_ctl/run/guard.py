@@ -22,6 +22,8 @@ SOONEST_S = 0.2
 AGAIN_S = 5.0
 """Wall time between two starts of a guardian that dies."""
 END_S = 2.0
+ALIVE_S = 0.04
+"""Wall time between two signs of life, for one or for many vehicles."""
 REMIND_S = 10.0
 """Between two lines that say all, when nothing has changed."""
 
@@ -37,6 +39,7 @@ class Guard:
         if key is not None:  # never on a command line, which anybody may read
             self._environment[KEY_VARIABLE] = key.hex()
         self._told: dict[int, tuple[object, ...]] = {}
+        self._said_s = 0.0
         self._start()
 
     def _start(self) -> None:
@@ -54,13 +57,16 @@ class Guard:
         os.set_blocking(self._pipe, False)
 
     def tell(self, agent: Agent, reach: str) -> None:
-        """Tell how a vehicle is reached, and stopped if it is being steered."""
+        """Tell how a vehicle is reached, and stopped if it is being steered; or just live on."""
         is_steered, yaw_rad = agent.is_steering and not agent.is_ended, round(agent.yaw_rad, 1)
-        news = (is_steered, yaw_rad, reach, agent.now // REMIND_S)
-        line = b"%d\n" % agent.sysid  # as before
+        news, now = (is_steered, yaw_rad, reach, agent.now // REMIND_S), time.monotonic()
+        line = b"\n"
         if self._told.get(agent.sysid) != news:
             self._told[agent.sysid] = news
             line = _in_full(agent, reach)
+        elif now - self._said_s < ALIVE_S:
+            return
+        self._said_s = now
         try:
             os.write(self._pipe, line)
         except BlockingIOError:

@@ -1,8 +1,8 @@
 """A process that stops vehicles whose controller has died or hangs, until somebody takes over.
 
 `python -m swarm_ctl.run.guardian JOURNALS HANG_S` is started by `swarm-ctl fly` and imports next to
-nothing. It is told each tick, as JSON lines on its input, the setpoint that would stop each vehicle
-that is being steered, and sends it only when its time has come: no other frame, to nobody else.
+nothing. It is told, as JSON lines on its input, the setpoint that would stop each vehicle that is
+being steered, and sends it only when its time has come: no other frame, to nobody else.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ class Ward:
     """The setpoint that stops it; empty while it is not steered."""
     stamp: int = 0
     """Timestamp of the last signature."""
-    heard_s: float = 0.0
     held_s: float | None = None
     """Since when it has been held; None while it is not."""
     written: int = 0
@@ -58,18 +57,18 @@ class Guardian:
         self.is_bereft = False
         """Whether the controllers' process is dead."""
         self._hang_s = hang_s
+        self._heard_s = 0.0
         self._written = written
 
     def hear(self, line: bytes, now: float) -> None:
-        """Take what a controller says of its vehicle, or its sysid alone: all is as it was."""
-        told = json.loads(line)
-        if isinstance(told, dict):
-            ward = self.wards.setdefault(told["sysid"], Ward())
-            ward.reach, ward.frame = told["reach"], bytes.fromhex(told["frame"])
-            ward.stamp = told["stamp"]
-        else:
-            ward = self.wards[told]
-        ward.heard_s, ward.held_s, ward.is_released = now, None, False
+        """Take what a controller says of its vehicle; an empty line says that all is as it was."""
+        self._heard_s = now
+        for ward in self.wards.values():
+            ward.held_s, ward.is_released = None, False
+        if line:
+            told = json.loads(line)
+            ward = Ward(told["reach"], bytes.fromhex(told["frame"]), told["stamp"])
+            self.wards[told["sysid"]] = ward
 
     @property
     def is_done(self) -> bool:
@@ -82,7 +81,7 @@ class Guardian:
         return [ward for sysid, ward in self.wards.items() if self._is_due(sysid, ward, now)]
 
     def _is_due(self, sysid: int, ward: Ward, now: float) -> bool:
-        is_alone = self.is_bereft or now - ward.heard_s > self._hang_s
+        is_alone = self.is_bereft or now - self._heard_s > self._hang_s
         if not ward.frame or not is_alone or ward.is_released:
             return False
         if ward.held_s is None:
