@@ -5,9 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import pickle
+import select
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from distributed import Client, Future, Security, as_completed
@@ -19,6 +23,7 @@ import swarm_ctl
 from swarm_ctl.errors import ClusterError
 from swarm_ctl.experiment.sweep import Compute, Job, Row, run_job
 
+POLL_S = 0.02
 CONNECT_S = 5.0
 """Time in which a scheduler must answer, and then have a worker."""
 ROUNDS = 5
@@ -99,7 +104,7 @@ def _through(client: Client, address: str, jobs: Sequence[Job]) -> Iterator[tupl
     waiting = {submit(job): job for job in jobs}
     try:
         running = as_completed(list(waiting), loop=client.loop)
-        for future in running:
+        for future in _heeding_ctrl_c(running):
             job = waiting.pop(future)
             try:
                 rows = future.result()
@@ -124,6 +129,25 @@ def _through(client: Client, address: str, jobs: Sequence[Job]) -> Iterator[tupl
     finally:
         if client.status == "running":
             client.cancel(list(waiting))
+
+
+def _heeding_ctrl_c(futures: as_completed) -> Iterator[Any]:
+    """Give each future; a Ctrl-C counts between two of them: Dask's callbacks would swallow it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield from futures
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))
+    try:
+        while not futures.is_empty():
+            if came:
+                raise KeyboardInterrupt
+            if futures.has_ready():
+                yield next(futures)
+            else:
+                select.select([], [], [], POLL_S)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _first_line(error: Exception) -> str:
