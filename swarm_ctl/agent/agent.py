@@ -174,7 +174,8 @@ class Agent:
             return b""
         self._digest()
         acks = [self.sender.acknowledge(ack) for ack in self.inbox.answer(partial(obey, self), now)]
-        watch(self)
+        if not self.is_ended:  # by an order
+            watch(self)
         velocity = None if self.is_ended else DUTIES[self.phase](self)
         self.is_steering = velocity is not None and self.phase in STREAMING
         frames = [] if self.is_ended else self._frames(velocity)

@@ -27,7 +27,7 @@ def an_agent(phase: Phase = Phase.EXPLORING, *, armed: bool = True) -> Agent:
     agent = Agent(SYSID, orders)
     agent.phase = phase
     agent.telemetry.armed = armed
-    agent.telemetry.heard_s = 1.0
+    agent.telemetry.heard_s = agent.telemetry.heartbeat_s = agent.telemetry.mode_s = 1.0
     return agent
 
 
