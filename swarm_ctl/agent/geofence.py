@@ -15,6 +15,8 @@ BEAM_BEARINGS_RAD = (0.0, math.pi, -math.pi / 2.0, math.pi / 2.0)
 """Front, back, left and right rangefinder, clockwise from the vehicle's heading."""
 VERTICAL_BRAKING_M_S2 = 0.5
 """Half of what ArduPilot brakes with vertically (WPNAV_ACCEL_Z 1 m/s2)."""
+FENCE_M = 0.3
+"""Kept to the fence: what a vehicle overshoots, also one whose controller is killed there."""
 GIVE_WAY_M = 0.6
 """A peer this much beyond the separation, straight ahead, is passed on the right."""
 GIVE_WAY, IN_THE_WAY = 0.6, 0.7
@@ -80,7 +82,7 @@ class Guard:
         for x, y, _ in (soon, here):
             away = math.hypot(x, y)
             if away > 0.5 * limits.radius_m:
-                room = wall_limit(limits.radius_m - away, 0.0, self._braking)
+                room = wall_limit(limits.radius_m - away, FENCE_M, self._braking)
                 fence.append(Constraint(x / away, y / away, 0.0, room))
         return fence
 
