@@ -403,11 +403,15 @@ def pilot_takes(flight: Flight) -> None:
 
 
 def pilot_chooses(flight: Flight, mode: tuple[float, float, float]) -> None:
+    tell(flight, 176, mode)
+
+
+def tell(flight: Flight, command: int, parameters: tuple[float, float, float]) -> None:
     from pymavlink.dialects.v20 import ardupilotmega as mavlink  # noqa: PLC0415
 
-    pilot = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-    frame = pilot.command_long_encode(1, 1, 176, 0, *mode, 0.0, 0.0, 0.0, 0.0)
-    flight.arena.fleet.receive(0, bytes(frame.pack(pilot)), flight.arena.now)
+    station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    frame = station.command_long_encode(1, 1, command, 0, *parameters, 0.0, 0.0, 0.0, 0.0)
+    flight.arena.fleet.receive(0, bytes(frame.pack(station)), flight.arena.now)
 
 
 # -- when the journal is no help -----------------------------------------------------------------
@@ -486,6 +490,26 @@ def test_a_position_that_cannot_be_the_old_one_s_lands_the_vehicle(
     flight.restart()
     flight.fly_until(lambda: flight.agent(1).phase is Phase.LANDING, within_s=3)
     assert "from where it was left" in flight.agent(1).trouble
+
+
+@BOTH
+def test_a_vehicle_that_does_not_say_where_it_is_lands(begin: Begin, autopilot: str) -> None:
+    flight = exploring(begin, autopilot=autopilot)
+    flight.kill()
+    stop_positions = (32.0, -1.0, 0.0)  # LOCAL_POSITION_NED, whose interval the last one set
+    tell(flight, 511, stop_positions)
+    flight.restart()
+    flight.fly_until(lambda: flight.agent(1).phase is Phase.LANDING, within_s=8)
+    assert "no position" in flight.agent(1).trouble
+
+
+def test_an_autopilot_whose_clock_began_anew_lands_its_vehicle(begin: Begin) -> None:
+    flight = exploring(begin)
+    flight.kill()
+    flight.restart()
+    flight.agent(1).vigil.boot_s = 1e6  # as if it had flown for days before
+    flight.fly_until(lambda: flight.agent(1).phase is Phase.LANDING, within_s=3)
+    assert "restarted in flight" in flight.agent(1).trouble
 
 
 # -- the record ----------------------------------------------------------------------------------
