@@ -103,6 +103,7 @@ TRAITS = Traits(
     motors=Motors(disarmed_us=1000, idle_us=1100, hover_us=1583, hover_thrust=0.35, unused_us=0),
     fix=Fix(6, 121, 200, 10, 300, 300, 0),
     has_receiver=True,
+    backward=4,
     gives_origin_with_home=True,
     home_attitude=(NAN, NAN, NAN, NAN),
     guesses_airspeed=True,

@@ -126,6 +126,7 @@ TRAITS = Traits(
     motors=Motors(disarmed_us=900, idle_us=1000, hover_us=1507, hover_thrust=0.51, unused_us=900),
     fix=Fix(3, 70, 110, 10, 900, 1780, 400),
     has_receiver=True,
+    backward=12,
     gives_origin_with_home=False,
     home_attitude=(1.0, 0.0, 0.0, 0.0),
     guesses_airspeed=False,

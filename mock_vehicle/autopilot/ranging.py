@@ -22,22 +22,24 @@ OBSTACLE_DISTANCE = wire.message("OBSTACLE_DISTANCE")
 
 RADIO_COMPID = 68
 NO_ROTATION = (0.0, 0.0, 0.0, 0.0)
-ORIENTATIONS = (0, 12, 6, 2, 24, 25)
-"""MAV_SENSOR_ROTATION of front, back, left, right, up, down."""
-ORIENTATION_CUSTOM = 100
+YAW_180, PITCH_180, ORIENTATION_CUSTOM = 4, 12, 100
+"""MAV_SENSOR_ROTATION; the first two look back."""
 SENSOR_LASER, SENSOR_UNKNOWN = 0, 4
 FRAME_BODY_FRD = 12
 FARTHEST_CM = 0xFFFF
 LONGEST_RANGE_M = 654.0
 """What fits into centimetres of 16 bits, with a number left for "nothing" that is not "unknown"."""
 FIELDS_OF_VIEW_RAD = (math.radians(CONE_DEG),) * 4 + (0.0, 0.0)
-MOUNTINGS = tuple(
-    (SENSOR_LASER, number, orientation, 0xFF, view_rad, 0.0, NO_ROTATION, 0)
-    for number, (orientation, view_rad) in enumerate(
-        zip(ORIENTATIONS, FIELDS_OF_VIEW_RAD, strict=True)
+MOUNTINGS = {
+    back: tuple(
+        (SENSOR_LASER, number, orientation, 0xFF, view_rad, 0.0, NO_ROTATION, 0)
+        for number, (orientation, view_rad) in enumerate(
+            zip((0, back, 6, 2, 24, 25), FIELDS_OF_VIEW_RAD, strict=True)
+        )
     )
-)
-"""What DISTANCE_SENSOR says of each rangefinder after the distance."""
+    for back in (YAW_180, PITCH_180)
+}
+"""What DISTANCE_SENSOR says of each rangefinder after the distance, by the name of back."""
 RING_SPACING_DEG = 360 // RING
 
 
@@ -51,7 +53,8 @@ def distance_sensors(autopilot: Autopilot, now: float) -> None:
     time, send = boot_ms(autopilot, now), autopilot.send
     reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
     nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
-    for range_m, mounting in zip(autopilot.state.ranges_m, MOUNTINGS, strict=True):
+    mountings = MOUNTINGS[autopilot.traits.backward]
+    for range_m, mounting in zip(autopilot.state.ranges_m, mountings, strict=True):
         if range_m == range_m:  # noqa: PLR0124 - not NaN, and six times cheaper than asking
             distance = round(range_m * 100.0) if range_m <= reach_m else farthest + 1
             send(DISTANCE_SENSOR, time, nearest, farthest, distance, *mounting)

@@ -179,6 +179,8 @@ class Traits:
     """What a good fix looks like."""
     has_receiver: bool
     """Whether there is a receiver of satellites at all."""
+    backward: int
+    """MAV_SENSOR_ROTATION of a rangefinder that looks back: half a turn of yaw, or of pitch."""
     gives_origin_with_home: bool
     """Whether GET_HOME_POSITION also gives GPS_GLOBAL_ORIGIN."""
     home_attitude: tuple[float, float, float, float]

@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 from swarm_ctl import wire
-from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, RADIO_COMPONENT
+from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT, RADIO_COMPONENT
 from swarm_ctl.autopilot.status import Status
 from swarm_ctl.autopilot.timesync import Timesync
 from swarm_ctl.frames import Geodetic, body_to_ned, rotate, turn, wrap_rad
@@ -34,8 +34,10 @@ SUBSCRIBED = (
 SCAN_HZ = {"OBSTACLE_DISTANCE": 5.0}
 """What one with a memory wants, too; without it, it learns of walls only by being stopped."""
 
-RANGE_BY_ORIENTATION = {0: 0, 12: 1, 6: 2, 2: 3, 24: 4, 25: 5}
-"""MAV_SENSOR_ORIENTATION of the front, back, left, right, up and down rangefinders."""
+RANGE_BY_ORIENTATION = {0: 0, 4: 1, 12: 1, 6: 2, 2: 3, 24: 4, 25: 5}
+"""MAV_SENSOR_ORIENTATION of the front, back, left, right, up and down rangefinders.
+
+Back is half a turn of yaw in ArduPilot, of pitch in PX4."""
 CUSTOM_ORIENTATION = 100
 BODY_FRD = 12
 STEADY_RAD_S = 0.3
@@ -43,6 +45,16 @@ STEADY_RAD_S = 0.3
 JUMP_M, JUMP_WITHIN_S = 1.0, 1.0
 """A position this far from where the last one and the velocity lead to has jumped."""
 _DISTANCE_SENSOR = wire.message("DISTANCE_SENSOR").id
+_SENSED = frozenset({_DISTANCE_SENSOR, wire.message("OBSTACLE_DISTANCE").id})
+
+
+def is_sensed(frame: wire.Frame) -> bool:
+    """Whether a rangefinder or scanner speaks for itself, and its autopilot only passes it on.
+
+    PX4 tells of those on one link no more than the one that spoke last, ArduPilot of no scanner.
+    """
+    others = {AUTOPILOT_COMPONENT, RADIO_COMPONENT, COMPANION_COMPONENT}
+    return frame.id in _SENSED and frame.compid not in others
 
 
 class PeerFix(NamedTuple):
@@ -125,11 +137,11 @@ class Telemetry(Status):
         self.position_ned_m = ZERO
 
     def receive(self, frame: wire.Frame, now: float) -> None:
-        """Take one frame of the vehicle's own autopilot or radio."""
-        if frame.compid == RADIO_COMPONENT:
-            if frame.id == _DISTANCE_SENSOR:
-                self._peer_distance(frame.values)
-            return
+        """Take one frame of the vehicle's own autopilot, radio, or a sensor that speaks itself."""
+        if is_sensed(frame):
+            self._handlers[frame.id](frame.values, now)
+        elif frame.compid == RADIO_COMPONENT and frame.id == _DISTANCE_SENSOR:
+            self._peer_distance(frame.values)
         if frame.compid != AUTOPILOT_COMPONENT:
             return
         self.heard_s = now

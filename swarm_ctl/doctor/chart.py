@@ -145,8 +145,12 @@ class Chart:
 
     def receive(self, frame: wire.Frame, now: float) -> None:
         """Take a frame of the autopilot."""
-        self.telemetry.receive(frame, now)
         self.is_signed = bool(frame.raw[0] == 0xFD and frame.raw[2] & _SIGNED)
+        self.sense(frame, now)
+
+    def sense(self, frame: wire.Frame, now: float) -> None:
+        """Take a frame of the autopilot, or of a sensor that speaks for itself."""
+        self.telemetry.receive(frame, now)
         if self.is_measuring:
             self.counts[frame.id] += 1
         handler = self._handlers.get(frame.id)

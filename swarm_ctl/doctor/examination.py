@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from swarm_ctl import wire
 from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
+from swarm_ctl.autopilot.telemetry import is_sensed
 from swarm_ctl.doctor.patient import BEAT, HEARTBEAT_S, NO_AUTOPILOT, Patient
 from swarm_ctl.mission import Mission
 from swarm_ctl.signing import Gatekeeper
@@ -87,6 +88,8 @@ class Line:
             if patient is not None and frame.compid == AUTOPILOT_COMPONENT:
                 patient.chart.refused += verdict is not None
                 patient.receive(frame, now)
+            elif patient is not None and is_sensed(frame):
+                patient.chart.sense(frame, now)
 
     def tick(self, now: float) -> Iterator[bytes]:
         """Give what to send now."""

@@ -23,7 +23,8 @@ FEW = 10
 
 def missing(case: Case) -> Iterator[str]:
     """Find sides that nothing looks at."""
-    missing = [side for turn, side in SIDE_BY_ORIENTATION.items() if not _reports(case, turn)]
+    there = {side for turn, side in SIDE_BY_ORIENTATION.items() if _reports(case, turn)}
+    missing = [side for side in SIDES if side not in there]
     if missing and case.chart.measured_s:
         yield f"nothing from {', '.join(missing)}"
 

@@ -56,10 +56,26 @@ def test_a_range_beyond_the_sensors_reach_means_nothing_there(vehicle: Vehicle) 
 
 
 @pytest.mark.parametrize(
-    ("orientation", "index"), [(0, 0), (12, 1), (6, 2), (2, 3), (24, 4), (25, 5)]
+    ("orientation", "index"), [(0, 0), (4, 1), (12, 1), (6, 2), (2, 3), (24, 4), (25, 5)]
 )
 def test_each_rangefinder_has_its_place(vehicle: Vehicle, orientation: int, index: int) -> None:
     assert vehicle.says(distance(100, orientation)).ranges_m[index] == pytest.approx(1.0)
+
+
+def test_a_rangefinder_that_speaks_for_itself_is_heard_and_is_no_sign_of_its_autopilot(
+    vehicle: Vehicle,
+) -> None:
+    telemetry = vehicle.says(distance(150, 0), component=173)
+    assert (telemetry.ranges_m[0], telemetry.ranges_s[0]) == (1.5, 1.0)
+    assert telemetry.heard_s == -math.inf
+    for component in (68, 191):
+        vehicle.says(distance(900, 2), component=component)
+    assert telemetry.ranges_s[3] == -math.inf, "neither the radio's nor our own"
+
+
+def test_a_scanner_that_speaks_for_itself_is_heard(vehicle: Vehicle) -> None:
+    scan = mavlink.MAVLink_obstacle_distance_message(0, 0, [200] * 72, 5, 10, 800, frame=12)
+    assert vehicle.says(scan, component=196).scan_s == 1.0
 
 
 def test_a_peer_to_the_right_of_a_vehicle_that_faces_east_is_south(vehicle: Vehicle) -> None:
