@@ -45,14 +45,14 @@ class Simulator:
     log: Path
 
 
-Starter = Callable[[int, Path], Simulator]
+Starter = Callable[[int, Path, Mapping[str, float]], Simulator]
 
 
-def arducopter(index: int, folder: Path, extra: Mapping[str, float] | None = None) -> Simulator:
+def arducopter(index: int, folder: Path, extra: Mapping[str, float]) -> Simulator:
     """Start one; it ends by itself when its parent does."""
     binary = _path(ARDUCOPTER)
     defaults = folder / "defaults.parm"
-    values = COPTER | dict(extra or {})
+    values = COPTER | dict(extra)
     defaults.write_text("".join(f"{name} {value}\n" for name, value in values.items()))
     station = _listener()
     ports = {"companion": _free_port(), "station": station.getsockname()[1], "rc": _free_port()}
@@ -69,7 +69,7 @@ def arducopter(index: int, folder: Path, extra: Mapping[str, float] | None = Non
     return Simulator("ardupilot", sysid, url, station, process, log)
 
 
-def px4(_index: int, folder: Path, extra: Mapping[str, float] | None = None) -> Simulator:
+def px4(_index: int, folder: Path, extra: Mapping[str, float]) -> Simulator:
     """Start one as the first free instance, whose number sets its ports and its sysid."""
     build = _path(PX4)
     instance = _free_instance()
@@ -78,7 +78,7 @@ def px4(_index: int, folder: Path, extra: Mapping[str, float] | None = None) -> 
         "COM_RC_IN_MODE": 1,
         "RTL_RETURN_ALT": 4,
         "RTL_DESCEND_ALT": 4,
-        **(extra or {}),
+        **extra,
     }
     environment = {
         "PATH": os.environ["PATH"],
@@ -106,14 +106,14 @@ class Hangar:
         self._simulators: dict[str, list[Simulator]] = {}
         self._started = 0
 
-    def have(self, autopilot: str, count: int = 2) -> Sequence[Simulator]:
-        """Give so many of an autopilot."""
+    def have(self, autopilot: str, count: int = 2, **extra: float) -> Sequence[Simulator]:
+        """Give so many of an autopilot; those that are started now get `extra` parameters."""
         there = self._simulators.setdefault(autopilot, [])
         while len(there) < count:
             self._started += 1
             folder = self._folder / f"{autopilot}{self._started}"
             folder.mkdir()
-            there.append(STARTERS[autopilot](self._started, folder))
+            there.append(STARTERS[autopilot](self._started, folder, extra))
         return there[:count]
 
     def discard(self, one: Simulator) -> None:
@@ -124,6 +124,7 @@ class Hangar:
     def close(self) -> None:
         """Stop them all."""
         everyone = [one for some in self._simulators.values() for one in some]
+        self._simulators.clear()
         for one in everyone:
             one.process.terminate()
         for one in everyone:

@@ -1,0 +1,45 @@
+"""Two PX4s and two ArduCopters fly as one swarm among walls, with rangefinders and radios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sitl.airfield import Report
+from sitl.flown import MISSION, Flown
+from sitl.rig import ORIENTATIONS, Rig
+from sitl.simulators import Hangar
+
+pytestmark = [pytest.mark.sitl, pytest.mark.timeout(900)]
+
+DURATION_S = 180.0
+SENSORS = {
+    f"RNGFND{number}_{name}": value
+    for number, orientation in enumerate(ORIENTATIONS["ardupilot"], 1)
+    for name, value in {"TYPE": 10, "ORIENT": orientation, "MIN": 0.1, "MAX": 8}.items()
+}
+"""Six rangefinders that speak MAVLink."""
+
+
+def test_a_mixed_swarm_explores_a_hall_and_touches_nothing(
+    hangar: Hangar, tmp_path: Path, report: Report
+) -> None:
+    hangar.close()  # four simulators at a time
+    swarm = [*hangar.have("px4", 2), *hangar.have("ardupilot", 2, **SENSORS)]
+    world = MISSION.parent / "worlds" / "open_3d.yaml"
+    with Rig(world, swarm) as rig:
+        flight = Flown(tmp_path / "run", swarm, "--duration", DURATION_S)
+        try:
+            code, said = flight.ends(DURATION_S + 300.0)
+        finally:
+            flight.killed()
+            hangar.close()
+    report("seen", f"{rig.coverage.fraction:.0%}")
+    report("nearest two, m", round(rig.apart_m, 2))
+    report("nearest wall, m", round(rig.wall_m, 2))
+    report("radio", dict(rig.carried))
+    assert code == 0, said
+    assert {phase for phase, _ in flight.results().values()} == {"done"}
+    assert (rig.contacts, rig.wall_contacts) == (0, 0)
+    contacts = flight.events("ContactsChanged")
+    assert {event["sysid"] for event in contacts} == {one.sysid for one in swarm}, "all heard peers"
