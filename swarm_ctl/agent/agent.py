@@ -33,8 +33,6 @@ from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
 
 HEARTBEAT_S = 1.0
-A_TICK_S = 0.1
-"""Of a way there and back over the link; the flights were measured with so much."""
 REPEAT_S = 2.0
 """Between two requests for the same change, when the first one was accepted without effect."""
 _TUNNEL_ID, _ORIGIN_ID = wire.message("TUNNEL").id, wire.message("GPS_GLOBAL_ORIGIN").id
@@ -436,9 +434,8 @@ class Agent:
             for value, heard_s in zip(telemetry.ranges_m, telemetry.ranges_s, strict=True)
         ]
         knows_place = self.now - telemetry.position_s <= self.orders.limits.link_hold_s
-        delay_s = max(0.0, telemetry.timesync.round_trip_s(self.now) - A_TICK_S)
         safe = self._guard.confine(
-            velocity, motion, ranges, self.neighbours, knows_place=knows_place, delay_s=delay_s
+            velocity, motion, ranges, self.neighbours, knows_place=knows_place
         )
         return Setpoint(safe, self.yaw_rad)
 

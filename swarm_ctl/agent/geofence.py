@@ -41,7 +41,6 @@ class Guard:
         self._speed = flight.speed_m_s
         self._climb = flight.climb_m_s
         self._braking = flight.acceleration_m_s2 / 2.0
-        self._flight = flight
         self._response_s = flight.response_s
 
     def confine(
@@ -52,16 +51,14 @@ class Guard:
         peers: Sequence[Neighbour],
         *,
         knows_place: bool = True,
-        delay_s: float = 0.0,
     ) -> Vec3:
         """Give the nearest velocity that respects every limit.
 
         `ranges_m` are in the order front, back, left, right, up, down (inf = clear). Distances
         are taken as they will be when the vehicle has begun to obey: it flies on for
-        `flight.response_s` first, and for what is known of the link's `delay_s`. A vehicle that
-        does not know its place is not pushed off floor, ceiling or fence: it would be for ever.
+        `flight.response_s` first. A vehicle that does not know its place is not pushed off floor,
+        ceiling or fence: it would be for ever.
         """
-        self._response_s = self._flight.response_s + delay_s
         peers = self._levelled(peers) if self._is_level else peers
         velocity = self._keep_right(velocity, peers)
         constraints = [  # the last one wins where they contradict: walls leave the least room

@@ -58,9 +58,7 @@ class Limits(Section):
     link_lost_s: float = Field(default=5.0, gt=0.0, le=600.0)
     """Silence of the autopilot, in seconds, after which its link counts as lost: setpoints stop."""
     link_delay_s: float = Field(default=0.5, gt=0.0, le=10.0)
-    """Longest way there and back over the link, in seconds; a vehicle behind a slower one holds.
-
-    Below it, whatever is more than a tick is added to `flight.response_s`."""
+    """Longest way there and back over the link, in seconds; a vehicle behind a slower one holds."""
     planner_stall_s: float = Field(default=1.0, gt=0.0, le=60.0)
     """Age of the plan, in seconds, at which the stream of setpoints becomes a hold."""
     max_time_s: float = Field(default=1800.0, gt=0.0, le=86_400.0)

@@ -44,7 +44,7 @@ NOT_NEEDED = {
         "VIBRATION",
     },
     "home, which is where the controller saw it stand": {"HOME_POSITION"},
-    "its clock: mission time is the controller's own": {"SYSTEM_TIME", "TIMESYNC", "PING"},
+    "its clock: mission time is the controller's own": {"SYSTEM_TIME", "PING"},
     "its own missions, which nobody here flies": {
         "MISSION_ACK",
         "MISSION_COUNT",
