@@ -47,14 +47,14 @@ class Streams:
         return [name for name in self.missing(now) if wire.message(name).id in self._heard_s]
 
     def due(self, now: float, *, starts: bool) -> list[Command]:
-        """Give the requests to make now: at the start for all that is missing, then for the lost.
+        """Give the requests to make now: for all that is missing, in flight as well.
 
         At the start each is asked for once though it may flow already, at another rate.
         """
         if now < self._next_s:
             return []
         fresh = [name for name in self._rates_hz if name not in self._asked]
-        asks = dict.fromkeys([*fresh, *self.missing(now)] if starts else self.lost(now))
+        asks = dict.fromkeys([*fresh, *self.missing(now)] if starts else self.missing(now))
         names = [name for name in asks if self._may_ask(name, now)]
         if names:
             self._next_s = now + AGAIN_S
