@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from abc import ABC, abstractmethod
 
 from swarm_ctl.link.base import STREAM, Heard, Source
 
@@ -12,7 +13,7 @@ AGAIN_S = 1.0
 READ_BYTES = 1 << 14
 
 
-class StreamLink:
+class StreamLink(ABC):
     """What TCP and serial ports share; each says how its descriptor is opened and closed."""
 
     def __init__(self, url: str) -> None:
@@ -53,13 +54,13 @@ class StreamLink:
         self._disconnect()
         self._loop = None
 
+    @abstractmethod
     def _connect(self) -> None:
         """Begin to open the descriptor, and call `_connected` when it is; never block."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _shut(self) -> None:
         """Close what `_connect` opened."""
-        raise NotImplementedError
 
     def _connected(self, descriptor: int) -> None:
         self._fd = descriptor

@@ -8,12 +8,13 @@ from typing import Any
 from halls import MISSION, write_hall
 
 from swarm_ctl import wire
-from swarm_ctl.agent.agent import Agent, Orders
+from swarm_ctl.agent.agent import Agent
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.ardupilot import ARDUPILOT
 from swarm_ctl.autopilot.base import COMPANION_COMPONENT, Autopilot
 from swarm_ctl.autopilot.px4 import PX4
+from swarm_ctl.flight import orders_of
 from swarm_ctl.mission import load_mission
 
 PILOTS = {pilot.name: pilot for pilot in (PX4, ARDUPILOT)}
@@ -31,14 +32,7 @@ def agent_of(folder: Path, **flight: Any) -> Agent:
     mission = load_mission(write_hall(folder, {"flight": flight, "duration_s": 500.0}, None))
     return Agent(
         1,
-        Orders(
-            mission=mission.name,
-            duration_s=mission.duration_s,
-            planner=mission.planner,
-            flight=mission.flight,
-            limits=mission.limits,
-            seed=mission.seed,
-        ),
+        orders_of(mission),
     )
 
 

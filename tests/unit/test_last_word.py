@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 
 from swarm_ctl import wire
 from swarm_ctl.agent import beacon as beacons
-from swarm_ctl.agent.agent import Agent, Orders
+from swarm_ctl.agent.agent import Agent
 from swarm_ctl.agent.geofence import BEAM_BEARINGS_RAD
 from swarm_ctl.agent.phases import SILENT, STREAMING, Phase
 from swarm_ctl.autopilot.px4 import PX4
+from swarm_ctl.flight import orders_of
 from swarm_ctl.mission import load_mission
 from swarm_ctl.model import Operator, Vec3
 
@@ -107,14 +108,7 @@ class Bench:
         mission = load_mission(write_hall(folder, changed))
         self.agent = Agent(
             1,
-            Orders(
-                mission=mission.name,
-                duration_s=mission.duration_s,
-                planner=mission.planner,
-                flight=mission.flight,
-                limits=mission.limits,
-                seed=1,
-            ),
+            orders_of(mission),
         )
         self.tag = beacons.mission_tag(mission.name)
         self.is_px4, self.is_level = is_px4, dimensions == 2

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import tty
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
@@ -378,7 +379,7 @@ def ended(process: subprocess.Popen[str]) -> int:
 # -- TCP and serial ------------------------------------------------------------------------------
 
 
-class Bridge:
+class Bridge(ABC):
     """Carries bytes between a vehicle on UDP and a stream, as a router or a radio does."""
 
     def __init__(self, address: tuple[str, int]) -> None:
@@ -398,13 +399,13 @@ class Bridge:
         self.cut()
         self._udp.close()
 
+    @abstractmethod
     def stream(self) -> int:
         """Give the descriptor of the stream; -1 while nobody is there."""
-        raise NotImplementedError
 
+    @abstractmethod
     def cut(self) -> None:
         """Break the stream."""
-        raise NotImplementedError
 
     def _carry(self) -> None:
         while not self._ends:
