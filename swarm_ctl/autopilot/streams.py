@@ -42,10 +42,6 @@ class Streams:
         """Name the wanted messages that do not flow, or no longer."""
         return [name for name in self._rates_hz if self._is_silent(name, now)]
 
-    def lost(self, now: float) -> list[str]:
-        """Name the wanted messages that have flown, and no longer do."""
-        return [name for name in self.missing(now) if wire.message(name).id in self._heard_s]
-
     def due(self, now: float, *, starts: bool) -> list[Command]:
         """Give the requests to make now: for all that is missing, in flight as well.
 
@@ -53,8 +49,8 @@ class Streams:
         """
         if now < self._next_s:
             return []
-        fresh = [name for name in self._rates_hz if name not in self._asked]
-        asks = dict.fromkeys([*fresh, *self.missing(now)] if starts else self.missing(now))
+        fresh = [name for name in self._rates_hz if starts and name not in self._asked]
+        asks = dict.fromkeys([*fresh, *self.missing(now)])
         names = [name for name in asks if self._may_ask(name, now)]
         if names:
             self._next_s = now + AGAIN_S
