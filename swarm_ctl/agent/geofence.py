@@ -13,6 +13,7 @@ from swarm_ctl.model import Vec3
 
 BEAM_BEARINGS_RAD = (0.0, math.pi, -math.pi / 2.0, math.pi / 2.0)
 """Front, back, left and right rangefinder, clockwise from the vehicle's heading."""
+UP, DOWN = Vec3(0.0, 0.0, -1.0), Vec3(0.0, 0.0, 1.0)
 VERTICAL_BRAKING_M_S2 = 0.5
 """Half of what ArduPilot brakes with vertically (WPNAV_ACCEL_Z 1 m/s2)."""
 FENCE_M = 0.3
@@ -84,20 +85,26 @@ class Guard:
         return fence
 
     def _walls(self, motion: Motion, ranges_m: Sequence[float]) -> list[Constraint]:
-        standoff, (vx, vy, vz) = self._limits.wall_m, motion.velocity_ned_m_s
-        walls = []
-        for bearing, distance in zip(BEAM_BEARINGS_RAD, ranges_m, strict=False):
-            if distance < math.inf:
-                angle = motion.yaw_rad + bearing
-                x, y = math.cos(angle), math.sin(angle)
-                left = distance - self._response_s * max(0.0, vx * x + vy * y)
-                walls.append(Constraint(x, y, 0.0, wall_limit(left, standoff, self._braking)))
-        for down, distance in ((-1.0, ranges_m[4]), (1.0, ranges_m[5])):
-            if distance < math.inf:
-                left = distance - self._response_s * max(0.0, vz * down)
-                room = wall_limit(left, standoff, VERTICAL_BRAKING_M_S2)
-                walls.append(Constraint(0.0, 0.0, down, room))
-        return walls
+        level = [motion.yaw_rad + bearing for bearing in BEAM_BEARINGS_RAD]
+        beams = [*(Vec3(math.cos(angle), math.sin(angle), 0.0) for angle in level), UP, DOWN]
+        rooms = [self._room(motion, *pair) for pair in zip(beams, ranges_m, strict=True)]
+        opposite = zip(rooms[::2], rooms[1::2], strict=True)
+        kept = [room for one, other in opposite for room in _between(one, other)]
+        return [
+            Constraint(*beam, room)
+            for beam, room in zip(beams, kept, strict=True)
+            if room < math.inf
+        ]
+
+    def _room(self, motion: Motion, beam: Vec3, distance_m: float) -> float:
+        """Give the largest speed along a beam, m/s."""
+        if distance_m == math.inf:
+            return math.inf
+        closing = sum(v * n for v, n in zip(motion.velocity_ned_m_s, beam, strict=True))
+        left_m = distance_m - self._response_s * max(0.0, closing)
+        return wall_limit(
+            left_m, self._limits.wall_m, VERTICAL_BRAKING_M_S2 if beam.z else self._braking
+        )
 
     def _keep_right(self, velocity: Vec3, peers: Sequence[Neighbour]) -> Vec3:
         """Turn right of a peer in the way, as ships do: two that meet head-on would both stop."""
@@ -133,3 +140,12 @@ class Guard:
             room = peer_limit(left, separation, self._braking, self._speed)
             constraints.append(Constraint(x, y, z, room))
         return constraints
+
+
+def _between(one_m_s: float, other_m_s: float) -> tuple[float, float]:
+    """Let neither of two opposite walls push farther than the other leaves room.
+
+    One wall that is very near is seen by the wide beams on both sides, too; were each to push, the
+    whole velocity would be cut off, and with it the way off that wall.
+    """
+    return max(one_m_s, -max(other_m_s, 0.0)), max(other_m_s, -max(one_m_s, 0.0))

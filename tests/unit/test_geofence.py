@@ -37,6 +37,18 @@ def test_a_wall_on_the_left_stops_flight_to_the_left_only() -> None:
     assert GUARD.confine(Vec3(0, 1, 0), at_rest(), ranges, []).y > 0.9
 
 
+def test_who_is_very_near_a_wall_comes_off_it_though_its_wide_beams_see_it_on_both_sides() -> None:
+    ranges = [0.47, 0.42, 0.31, 3.8, math.inf, math.inf]  # one wall, on the left
+    safe = GUARD.confine(ZERO, at_rest(), ranges, [])
+    assert safe.y == pytest.approx(0.38, abs=0.01)
+    assert safe.x == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_wall_pushes_no_farther_than_there_is_room_behind() -> None:
+    ranges = [0.3, 0.6, *CLEAR[2:]]
+    assert GUARD.confine(ZERO, at_rest(), ranges, []).x == pytest.approx(-0.2, abs=0.01)
+
+
 def test_a_vehicle_in_motion_brakes_earlier_than_one_at_rest() -> None:
     ranges, ahead = [1.2, *CLEAR[1:]], Vec3(1, 0, 0)
     moving = Motion(Vec3(0, 0, -2), Vec3(1, 0, 0), 0.0)
