@@ -32,21 +32,22 @@ from swarm_ctl import wire
 Floats = NDArray[np.float64]
 Angles = tuple[float, float, float]
 
-RADIO, COMPANION, RANGEFINDER, STRANGER = 68, 191, 173, (254, 190)
+RADIO, COMPANION, RANGEFINDER, VISION, STRANGER = 68, 191, 173, 197, (254, 190)
 ORIENTATIONS = {"px4": (0, 12, 6, 2, 24, 25), "ardupilot": (0, 4, 6, 2, 24, 25)}
 """Front, back, left, right, up, down."""
-PERIOD_S, BEAT_S, TRUTH_HZ, STALE_S = 0.1, 0.5, 25.0, 1.0
+PERIOD_S, BEAT_S, TRUTH_HZ = 0.1, 0.5, 30.0
 GAP_S = 0.005
 """PX4 has room for two frames that are to be passed on: of those that come faster it drops most."""
 AIRBORNE_M = 0.3
 EARTH_M = 111_319.49
 """Of a degree of latitude."""
+LOCAL_NED, NAIVE = 1, 1
 LASER, UNKNOWN_KIND, CUSTOM, BODY_FRD, SET_INTERVAL = 0, 4, 100, 12, 511
 NOT_TURNED = (0.0, 0.0, 0.0, 0.0)
 
 _HEARTBEAT, _COMMAND = wire.message("HEARTBEAT"), wire.message("COMMAND_LONG")
 _DISTANCE, _SCAN = wire.message("DISTANCE_SENSOR"), wire.message("OBSTACLE_DISTANCE")
-_TUNNEL = wire.message("TUNNEL")
+_TUNNEL, _ODOMETRY = wire.message("TUNNEL"), wire.message("ODOMETRY")
 _TRUTH = {"px4": wire.message("HIL_STATE_QUATERNION"), "ardupilot": wire.message("SIM_STATE")}
 _HEARD = (_HEARTBEAT, _TUNNEL, *_TRUTH.values())
 
@@ -94,6 +95,18 @@ class Outlet:
         self.offset_ned_m = np.array([north * EARTH_M, east * EARTH_M * shrink, -up])
         self.told_s = now
 
+    def tell_place(self, values: Any) -> None:
+        """Tell PX4 where it is and how it moves, as a motion capture system does.
+
+        Its simulated GNSS is wrong by up to 0.5 m/s, which no distance to a wall makes up for.
+        """
+        velocity = [speed * 1e-2 for speed in (values.vx, values.vy, values.vz)]
+        place = self.offset_ned_m.tolist()
+        frames, no_rates, no_matrices = (LOCAL_NED, LOCAL_NED), (0.0,) * 3, ([0.0] * 21,) * 2
+        turned = values.attitude_quaternion
+        told = (0, *frames, *place, turned, *velocity, *no_rates, *no_matrices, 0, NAIVE, 100)
+        self.send(self.pack(_ODOMETRY, VISION, *told))
+
     def pack(self, message: wire.Message, compid: int, *values: object) -> bytes:
         """Speak as one of the vehicle's own components."""
         self._numbers[compid] += 1
@@ -137,6 +150,8 @@ class Rig:
         self._apart_before_m = math.inf
         self.carried: Counter[str] = Counter()
         """Broadcasts taken from each vehicle's companion, and told to others."""
+        self.track: list[tuple[float, Floats]] = []
+        """Where all truly were, (n, 3) NED in the world, at times of the monotonic clock."""
         self._ends = threading.Event()
         self._ticks = 0
         self._thread = threading.Thread(target=self._live, daemon=True)
@@ -185,6 +200,8 @@ class Rig:
                     self.carried[f"from {frame.sysid}"] += 1
                 elif frame.id == _TRUTH[outlet.vehicle.autopilot].id:
                     outlet.take_truth(frame.values, now)
+                    if frame.id == _TRUTH["px4"].id:
+                        outlet.tell_place(frame.values)
         for hearer, raw in self._radio.carry(now):
             self.outlets[hearer].relayed.append(raw)
             self.carried[f"to {self.sysids[hearer]}"] += 1
@@ -211,6 +228,7 @@ class Rig:
             outlet.sensed.extend(self._readings(outlet, ranges, index))
             if self._ticks % 2:
                 outlet.sensed.extendleft(_fix(outlet, *fix) for fix in fixes[index])
+        self.track.append((now, place))
         self._judge(place, gaps, now)
 
     def _readings(self, outlet: Outlet, ranges: Ranges, index: int) -> list[bytes]:
