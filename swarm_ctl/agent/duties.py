@@ -107,7 +107,10 @@ def take_off(agent: Agent) -> Vec3 | None:
     """Climb: PX4 by setpoints, ArduPilot by a command that no setpoint may follow."""
     telemetry, flight, pilot = agent.telemetry, agent.orders.flight, agent.telemetry.autopilot
     by_command = pilot is not None and pilot.takeoff_by_command
-    if telemetry.height_m > CLIMBED_FRACTION * flight.height_m:
+    enough_m = CLIMBED_FRACTION * flight.height_m
+    if agent.is_given:  # in flight, where ArduPilot obeys no take-off
+        enough_m = min(enough_m, agent.orders.limits.floor_m)
+    if telemetry.height_m > enough_m:
         agent.enter(Cause.AIRBORNE, "")
         return None if by_command else ZERO
     if not telemetry.armed and agent.in_phase_s > MODE_LAG_S:

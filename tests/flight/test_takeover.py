@@ -126,3 +126,17 @@ def test_a_pilot_who_takes_the_mode_again_after_he_gave_it_back_keeps_it(
     flight.fly_until(lambda: agent.phase is Phase.YIELDED, within_s=6)
     assert agent.order(Operator.RESUME, flight.arena.now)
     flight.fly_until(lambda: agent.phase in EXPLORES, within_s=10)
+
+
+def test_who_gives_an_arducopter_back_low_in_the_air_sees_it_explore(launch: Launch) -> None:
+    flight = launch(autopilot="ardupilot", vehicles=1, duration_s=500.0)
+    agent, brake = flight.agent(1), 17
+    flight.fly_until(lambda: agent.phase in EXPLORES)
+    flight.fly(3.0)
+    flight.arena.fleet.dynamics.position_ned_m[0, 2] = -0.9
+    choose_mode(flight, "ardupilot", brake)
+    flight.fly_until(lambda: agent.phase is Phase.YIELDED, within_s=2.0)
+    flight.fly(3.0)
+    assert 0.5 < agent.telemetry.height_m < 1.2
+    assert agent.order(Operator.RESUME, flight.arena.now)
+    flight.fly_until(lambda: agent.phase in EXPLORES, within_s=12.0)
