@@ -36,7 +36,7 @@ def fly(seed: int, path: Path) -> dict[str, Any]:
         )
         arena = Arena(mission, run)
         arena.fly(until_s=MOST_S)
-        arena.write_truth()
+        arena.write_truth(run.path)
         truth = json.loads((run.path / TRUTH / "truth.json").read_text(encoding="utf-8"))
     keys = ("coverage_fraction", "victims_found", "collisions", "min_separation_m", "path_length_m")
     return {key: truth[key] for key in keys} | {"cpu_s": time.process_time() - began}

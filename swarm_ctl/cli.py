@@ -245,7 +245,7 @@ def _fly_virtual(
                 view.update(arena.now, snapshots, arena.fleet.referee.snapshot())
 
         arena.fly(show)
-    arena.write_truth()
+    arena.write_truth(folder.path)
     return {
         "controllers": arena.controllers,
         "time_s": arena.now,

@@ -11,9 +11,9 @@ from swarm_ctl.agent.agent import Agent
 from swarm_ctl.agent.diary import Diary, distrust, resume
 from swarm_ctl.link import MESH, Link, Source
 from swarm_ctl.model import Operator, Vec3
-from swarm_ctl.record.folder import RunFolder
 from swarm_ctl.record.paths import WAYPOINT_S
 from swarm_ctl.record.summary import VehicleResult
+from swarm_ctl.record.unrecorded import Record
 
 TICK_S = 0.1
 """Mission time between two decisions and two setpoints."""
@@ -23,7 +23,7 @@ KILLED = "its controller was killed"
 class Controller:
     """An agent together with what it leaves behind; still without sockets and clocks."""
 
-    def __init__(self, index: int, agent: Agent, folder: RunFolder) -> None:
+    def __init__(self, index: int, agent: Agent, folder: Record) -> None:
         self.index = index
         self.agent = agent
         self._folder = folder

@@ -19,6 +19,7 @@ from swarm_ctl.record.folder import Mode, RunFolder
 from swarm_ctl.record.own_paths import draw_own_paths
 from swarm_ctl.record.plots import draw_pictures
 from swarm_ctl.record.summary import summarise, write_summary
+from swarm_ctl.record.unrecorded import Record
 from swarm_ctl.signing import timestamp_of
 
 TRUTH = "truth"
@@ -76,7 +77,7 @@ def orders_of(mission: Mission) -> Orders:
 
 def controllers_for(
     mission: Mission,
-    folder: RunFolder,
+    folder: Record,
     sysids: Sequence[int] | None = None,
     *,
     delay_s: float = 0.0,

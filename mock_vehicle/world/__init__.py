@@ -24,7 +24,16 @@ from mock_vehicle.world.starts import place
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Grid", "Ring", "Victim", "World", "WorldSpec", "load_world", "read_faults"]
+__all__ = [
+    "Grid",
+    "Ring",
+    "Victim",
+    "World",
+    "WorldSpec",
+    "build_world",
+    "load_world",
+    "read_faults",
+]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -269,7 +278,11 @@ class World:
 
 def load_world(path: Path) -> World:
     """Read a world file and the map it names; WorldError names file and key of what is wrong."""
-    spec = read_spec(path)
+    return build_world(path, read_spec(path))
+
+
+def build_world(path: Path, spec: WorldSpec) -> World:
+    """Build what a world file says; its path is where a map lies, and what WorldError names."""
     world = World(path, spec, Shapes(build_prisms(path, spec)), _load_map(path, spec))
     world.check()
     return world

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import parse_fault
 from mock_vehicle.fleet import STEP_S, Fleet
 from mock_vehicle.trouble import FleetKilled
 from mock_vehicle.vehicle import personalities
-from mock_vehicle.world import load_world
+from mock_vehicle.world import World, load_world
 from swarm_ctl.controller import KILLED
 from swarm_ctl.errors import MockError
 from swarm_ctl.flight import GRACE_S, MOCK_DIED, TRUTH, Faults, controllers_for
 from swarm_ctl.mission import Mission
 from swarm_ctl.model import Operator
-from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.unrecorded import Record
 
 STEPS_PER_TICK = 5
 """Physics steps between two ticks of a controller; vehicle i ticks in step i of each five."""
@@ -25,12 +26,22 @@ STEPS_PER_TICK = 5
 class Arena:
     """Fly one mission in lockstep; the same seed gives the same frames, bit for bit."""
 
-    def __init__(self, mission: Mission, folder: RunFolder, faults: Faults | None = None) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        folder: Record,
+        faults: Faults | None = None,
+        world: World | None = None,
+    ) -> None:
+        """Put everybody on the ground of the mission's world, or of another one.
+
+        `Unrecorded` for a folder leaves nothing on the disk.
+        """
         faults = faults or Faults()
         self.now = 0.0
         self.controllers = controllers_for(mission, folder)
         self.notes: list[str] = []
-        self.fleet = _fleet(mission, faults)
+        self.fleet = _fleet(mission, faults, world)
         self._is_mock_alive = True
         self._given_up_s = math.inf
         """When vehicles of a dead mock are given up."""
@@ -80,10 +91,10 @@ class Arena:
         for controller in self.controllers:
             controller.order(operator, self.now)
 
-    def write_truth(self) -> None:
-        """Let the referee write what really happened; one that was killed writes nothing."""
+    def write_truth(self, run: Path) -> None:
+        """Let the referee write into a run folder what really happened, unless it was killed."""
         if self._is_mock_alive:
-            self.fleet.referee.write(self._folder.path / TRUTH)
+            self.fleet.referee.write(run / TRUTH)
 
     def _step_fleet(self, now: float) -> None:
         try:
@@ -101,10 +112,10 @@ class Arena:
                 controller.break_down(error, now)
 
 
-def _fleet(mission: Mission, faults: Faults) -> Fleet:
+def _fleet(mission: Mission, faults: Faults, world: World | None) -> Fleet:
     try:
         return Fleet(
-            load_world(mission.simulated),
+            world or load_world(mission.simulated),
             personalities(mission.autopilot, mission.vehicles),
             seed=mission.seed,
             faults=[parse_fault(text) for text in faults.mock],
