@@ -23,6 +23,8 @@ NEAR_STEPS = 5
 """Steps of the search within which a sliver is as good as any: it is on the way."""
 POCKET_CELLS = 80
 """Fewer unknown cells that hang together are work for one: who is there first has them."""
+BESIDE_CELLS = 2
+"""A way to a place that is not free itself may end this far beside it."""
 CORNERS_AHEAD = 60
 """Cells along a way over which a straight line is tried."""
 
@@ -63,13 +65,21 @@ def find_way(
 def find_way_to(
     memory: VisitedMap, position_m: Sequence[float], goal_m: Sequence[float]
 ) -> list[list[float]]:
-    """Give the corners of the shortest way to a place; empty when none is known."""
+    """Give the corners of the shortest way to a place; empty when none is known.
+
+    A place that counts as too near to a wall, seen since, is flown to from the nearest free cell.
+    """
     padded = np.pad(memory.grid, 1)
     goal = np.zeros(padded.shape, dtype=np.uint8)
     index = np.floor(memory.cells(goal_m)).astype(int) + 1
     if (index < 1).any() or (index >= np.array(padded.shape) - 1).any():
         return []
-    goal[tuple(index)] = 1
+    low = np.maximum(index - BESIDE_CELLS, 0)
+    around = tuple(slice(a, b) for a, b in zip(low, index + BESIDE_CELLS + 1, strict=True))
+    near = np.argwhere(_free(padded[around])) + low
+    if not len(near):
+        return []
+    goal[tuple(near[np.argmin(((near - index) ** 2).sum(axis=1))])] = 1
     corners = [memory.metres(corner) for corner in _corners(memory, position_m, padded, goal, goal)]
     return [*corners[:-1], [float(value) for value in goal_m]] if corners else []
 
@@ -86,9 +96,7 @@ def _corners(
     index = np.floor(place).astype(int)
     if (index < 0).any() or (index >= memory.grid.shape).any():
         return []
-    trodden = padded & TRODDEN != 0
-    free = trodden | ((padded & VISITED != 0) & (padded & (WALL | NEAR_WALL) == 0))
-    free &= padded & BLOCKED == 0
+    free = _free(padded)
     leaves = (padded & VISITED != 0) & (padded & (WALL | BLOCKED) == 0)
     start = int(np.ravel_multi_index(tuple(index + 1), padded.shape))
     came_from, goal = _flood(free, leaves, ranks, unknown, _offsets(padded.shape), start)
@@ -100,6 +108,13 @@ def _corners(
     places = np.unravel_index(np.array(cells[::-1]), padded.shape)
     points = np.stack(places, axis=1).astype(np.float64) - 0.5
     return _pull_tight(memory, place, points) or [points[-1]]
+
+
+def _free(grid: Cells) -> NDArray[np.bool_]:
+    """Tell of every cell whether ways may lead through it."""
+    is_clear = (grid & VISITED != 0) & (grid & (WALL | NEAR_WALL) == 0)
+    free: NDArray[np.bool_] = ((grid & TRODDEN != 0) | is_clear) & (grid & BLOCKED == 0)
+    return free
 
 
 def _flood(

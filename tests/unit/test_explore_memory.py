@@ -119,6 +119,13 @@ def test_a_way_back_leads_over_known_ground_and_ends_where_it_should() -> None:
     assert find_way_to(world, [5.0, 2.5], [50.0, 50.0]) == []
 
 
+def test_a_way_back_ends_also_where_a_wall_was_seen_close_by() -> None:
+    world = room_with_a_door()
+    way = find_way_to(world, [2.5, 2.5], [0.15, 0.15])
+    assert way[-1] == [0.15, 0.15]
+    assert find_way_to(world, [2.5, 2.5], [4.5, 0.5]) == []  # nobody has been near it
+
+
 def test_a_way_leads_around_the_wall_and_through_the_door() -> None:
     world = room_with_a_door()
     way = find_way(world, [0.5, 0.5], NOBODY, 0)
