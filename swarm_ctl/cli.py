@@ -27,6 +27,7 @@ from swarm_ctl.cli_options import (
     MissionFile,
     Mqtt,
     Out,
+    Peers,
     PipeConsole,
     PlannerKind,
     Seed,
@@ -34,6 +35,7 @@ from swarm_ctl.cli_options import (
     Vehicles,
     World,
     interrupts,
+    open_mesh,
     read_broker,
     read_key,
 )
@@ -92,6 +94,7 @@ def run(
     vehicles: Vehicles = None,
     planner: PlannerKind = None,
     autopilot: AutopilotKind = None,
+    peers: Peers = None,
     seed: Seed = None,
     duration: Duration = None,
     speed: Annotated[
@@ -122,6 +125,7 @@ def run(
         vehicles=vehicles,
         planner=planner,
         autopilot=autopilot,
+        peers=peers,
         seed=seed,
         duration_s=duration,
     )
@@ -130,6 +134,8 @@ def run(
     broker = read_broker(mqtt)
     if virtual and broker:
         raise SwarmError("--mqtt: there is no time for orders in --virtual; leave one of them out")
+    if virtual and peers:
+        raise SwarmError("--peers: in --virtual the mock's radio is all; leave one of them out")
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
     is_ours = out is None or not out.exists()
     folder = RunFolder.create(out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode)
@@ -207,7 +213,7 @@ def _fly_udp(
 ) -> dict[str, Any]:
     flight = UdpRun(mission, folder, speed=speed, faults=faults, key=key)
     flight.broker = broker
-    with ProgressView(mission, console) as view:
+    with open_mesh(mission.peers) as flight.mesh, ProgressView(mission, console) as view:
 
         def show(flight: UdpRun) -> None:
             snapshots = [controller.agent.snapshot() for controller in flight.controllers]

@@ -19,17 +19,18 @@ from swarm_ctl.cli_options import (
     MissionFile,
     Mqtt,
     Out,
+    Peers,
     PipeConsole,
     PlannerKind,
     SigningKey,
     interrupts,
+    open_mesh,
     read_broker,
     read_key,
 )
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.flight import finish
 from swarm_ctl.link import open_link
-from swarm_ctl.link.mesh import Mesh
 from swarm_ctl.link.shared import SharedLink
 from swarm_ctl.mission import Mission, check_starts, load_mission
 from swarm_ctl.progress import ProgressView
@@ -48,22 +49,13 @@ Sysids = Annotated[
         metavar="N",
     ),
 ]
-MeshUrl = Annotated[
-    str | None,
-    typer.Option(
-        "--mesh",
-        help="Network on which companions hear one another beside their vehicles' radios: "
-        "udp://239.255.42.42:14700, and ?interface=IP behind it to choose one of several.",
-        metavar="URL",
-    ),
-]
 
 
 def fly(
     mission: MissionFile,
     connect: Connect,
     sysid: Sysids = None,
-    mesh: MeshUrl = None,
+    peers: Peers = None,
     planner: PlannerKind = None,
     seed: Annotated[
         int | None, typer.Option(help="Seed of every random draw.", metavar="N")
@@ -109,6 +101,7 @@ def fly(
     chosen = load_mission(
         mission,
         planner=planner,
+        peers=peers,
         seed=seed,
         duration_s=duration,
         open_air=open_air or None,
@@ -125,7 +118,6 @@ def fly(
         connect,
         sysid,
         console,
-        mesh=mesh,
         speed=speed,
         out=out,
         is_new=new,
@@ -143,7 +135,6 @@ async def _fly(
     sysids: Sequence[int] | None,
     console: PipeConsole,
     *,
-    mesh: str | None,
     speed: float,
     out: Path | None,
     is_new: bool,
@@ -156,9 +147,7 @@ async def _fly(
         for url in dict.fromkeys(urls):
             shared[url] = SharedLink(open_link(url))
             opened.callback(shared[url].close)
-        joined = Mesh(mesh) if mesh is not None else None
-        if joined is not None:
-            opened.callback(joined.close)
+        mesh = opened.enter_context(open_mesh(mission.peers))
         if not sysids:
             sysids = [await only_autopilot(shared[urls[0]], speed)]
             console.print(f"heard sysid {sysids[0]} at {urls[0]}: flying this one", markup=False)
@@ -167,8 +156,8 @@ async def _fly(
         mission = mission.model_copy(update={"vehicles": len(links)})
         flown = [link.sysid for link in links]
         folder = _open_folder(mission, flown, console, speed=speed, out=out, is_new=is_new)
-        flight = RealRun(mission, folder, links, speed=speed, key=key, mesh=joined)
-        flight.broker = broker
+        flight = RealRun(mission, folder, links, speed=speed, key=key)
+        flight.broker, flight.mesh = broker, mesh
         with interrupts():
             return await _record(flight, mission, console)
 

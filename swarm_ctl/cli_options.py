@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +16,9 @@ from rich.console import Console
 
 from swarm_ctl.bus.mqtt import PASSWORD_VARIABLE, Broker
 from swarm_ctl.errors import SwarmError
+from swarm_ctl.link.broadcast import Broadcast
+from swarm_ctl.link.mesh import Mesh
+from swarm_ctl.link.url import parse_peers
 from swarm_ctl.model import Operator
 from swarm_ctl.run.fleet import STOP_SIGNALS, TWICE
 from swarm_ctl.signing import KEY_VARIABLE, find_key
@@ -71,6 +74,18 @@ MQTT = typer.Option(
 Mqtt = Annotated[str | None, MQTT]
 
 
+Peers = Annotated[
+    str | None,
+    typer.Option(
+        help="What carries peers' frames beside the vehicles' radios: udp://239.255.42.42:14700 "
+        "(multicast; ?interface=IP behind it chooses a network), udp://192.168.1.255:14700 "
+        "(broadcast), or autopilot for nothing else. Default: as the mission says.",
+        metavar="URL",
+        show_default=False,
+    ),
+]
+
+
 class PipeConsole(Console):
     """Prints on while somebody reads; the work does not depend on it."""
 
@@ -91,6 +106,17 @@ def read_key(file: Path | None) -> bytes | None:
 def read_broker(url: str | None) -> Broker | None:
     """Read where the broker is, if there is one; what is wrong with it is one sentence."""
     return None if url is None else Broker.parse(url, os.environ)
+
+
+@contextmanager
+def open_mesh(peers: str) -> Iterator[Mesh | None]:
+    """Open what carries peers' frames, if anything does; SwarmError when it cannot be had."""
+    network = parse_peers(peers)
+    if network is None:
+        yield None
+        return
+    with closing(Mesh(Broadcast(network))) as mesh:
+        yield mesh
 
 
 class Interrupts:

@@ -10,6 +10,7 @@ from swarm_ctl.agent.frame import FrameParams, mistakes
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.errors import MissionError, SwarmError
 from swarm_ctl.explore.planner import PlannerParams
+from swarm_ctl.link.url import parse_peers
 from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, unknown_key
 
 BLOCKS = ("planner", "flight", "limits", "frame")
@@ -37,6 +38,9 @@ class Mission(Section):
     """What geofence and failsafe hold against every planner."""
     frame: FrameParams = FrameParams()
     """Which frame the vehicles share, beside what their radios measure."""
+    peers: str = "autopilot"
+    """What carries peers' frames beside their autopilots: an address as of `--peers`, or nothing
+    else. In virtual time the mock's radio is all there is."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of every random draw; the same seed repeats a run in virtual time."""
 
@@ -65,6 +69,7 @@ def load_mission(
     vehicles: int | None = None,
     planner: str | None = None,
     autopilot: str | None = None,
+    peers: str | None = None,
     seed: int | None = None,
     duration_s: float | None = None,
     open_air: bool | None = None,
@@ -80,6 +85,7 @@ def load_mission(
     given = {
         "vehicles": vehicles,
         "autopilot": autopilot,
+        "peers": peers,
         "seed": seed,
         "duration_s": duration_s,
     }
@@ -176,6 +182,10 @@ def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
             f"must be below limits.max_time_s ({limits.max_time_s:g}), not {mission.duration_s:g}",
         )
     yield from mistakes(mission.frame)
+    try:
+        parse_peers(mission.peers)
+    except SwarmError as error:
+        yield "peers", str(error)
 
 
 def _read(path: Path) -> dict[str, Any]:

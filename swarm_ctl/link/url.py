@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import ipaddress
 import re
 from typing import NamedTuple
 from urllib.parse import urlsplit
@@ -12,6 +14,21 @@ BAUD = 57600
 """What telemetry radios and TELEM ports are set to when they come out of their box."""
 NETWORK = ("udpin", "udpout", "tcpout")
 EXPECTED = "udpin://HOST:PORT, udpout://HOST:PORT, tcpout://HOST:PORT or serial:///DEVICE:BAUD"
+NETWORK_EXPECTED = (
+    "expected a multicast group and a port, as udp://239.255.42.42:14700, with ?interface=IP "
+    "behind it where the machine has several networks, or a broadcast address of a network, as "
+    "udp://192.168.1.255:14700"
+)
+PEERS_EXPECTED = (
+    "expected autopilot, udp://GROUP:PORT[?interface=IP] for multicast, udp://ADDRESS:PORT for "
+    "broadcast"
+)
+AUTOPILOT = "autopilot"
+"""Peers' frames go the way that autopilots and their radios pass them on, and no other."""
+PORT_MAX = 0xFFFF
+_NETWORK = re.compile(
+    r"udp://(?P<host>[\d.]+):(?P<port>\d{1,5})/?(\?interface=(?P<interface>[\d.]+))?"
+)
 _SERIAL = re.compile(r"serial://(?P<device>/[^:]+)(?::(?P<baud>[1-9]\d{0,7}))?")
 
 
@@ -23,6 +40,36 @@ class Address(NamedTuple):
     """The device of a serial port."""
     port: int
     """Bits per second of a serial port."""
+
+
+class Network(NamedTuple):
+    """A network on which everybody hears what is sent to one address."""
+
+    url: str
+    host: str
+    """IPv4 address of a multicast group, or a broadcast address."""
+    port: int
+    interface: str
+    """Address of the machine on the network; 0.0.0.0 leaves the choice to the kernel."""
+    is_group: bool
+    """Whether it is a multicast group's."""
+
+
+def parse_peers(url: str) -> Network | None:
+    """Read what carries peers' frames beside autopilots, None for nothing; else SwarmError."""
+    if url == AUTOPILOT:
+        return None
+    if not url.startswith("udp://"):
+        raise SwarmError(f"{url}: {PEERS_EXPECTED}")
+    found = _NETWORK.fullmatch(url)
+    if found is not None:
+        host, port, interface = found["host"], int(found["port"]), found["interface"]
+        with contextlib.suppress(ValueError):
+            is_group = ipaddress.IPv4Address(host).is_multicast
+            chosen = ipaddress.IPv4Address(interface or 0)
+            if 0 < port <= PORT_MAX and (is_group or interface is None):
+                return Network(url, host, port, str(chosen), is_group)
+    raise SwarmError(f"{url}: {NETWORK_EXPECTED}")
 
 
 def parse(url: str) -> Address:

@@ -14,6 +14,7 @@ from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.bus.orders import OrderDesk, Outcome
 from swarm_ctl.controller import Clock, Controller, fly
 from swarm_ctl.link import Link
+from swarm_ctl.link.mesh import Mesh
 from swarm_ctl.model import Operator
 from swarm_ctl.record.folder import RunFolder
 
@@ -37,6 +38,8 @@ class Fleet:
         self.interrupted = False
         self.broker: Broker | None = None
         """Where orders over MQTT come from, if they do."""
+        self.mesh: Mesh | None = None
+        """What carries peers' frames beside the vehicles' links, if anything does."""
         self.tell: Callable[[Agent, str], None] = lambda *_: None
         """Is told of every vehicle each tick, and how it is reached."""
 
@@ -66,12 +69,17 @@ class Fleet:
         gc.collect()
         gc.freeze()  # a collection of everything would hold up the setpoints
         self.clock = Clock(self.clock.speed, self.folder.now(self.clock.speed))
+        if (mesh := self.mesh) is not None:
+            sysids = [controller.agent.sysid for controller in self.controllers]
+            links = [mesh.join(*both) for both in zip(links, sysids, strict=True)]
+            aside = [*aside, mesh.run()]
         async with asyncio.TaskGroup() as group:
             works = (self._report(progress), self._sync(), *aside, *self._bus())
             tasks = [group.create_task(work) for work in works]
             await self._fly_all(links)
             for task in tasks:
                 task.cancel()
+        self.notes += [] if mesh is None else mesh.account()
 
     @contextlib.contextmanager
     def interruptible(self) -> Iterator[None]:

@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.controller import TICK_S, Controller
 from swarm_ctl.flight import controllers_for, sign_with
-from swarm_ctl.link import Link
-from swarm_ctl.link.mesh import Mesh
 from swarm_ctl.link.shared import Member
 from swarm_ctl.mission import Mission
 from swarm_ctl.record.folder import RunFolder
@@ -34,37 +32,27 @@ class RealRun(Fleet):
         *,
         speed: float = 1.0,
         key: bytes | None = None,
-        mesh: Mesh | None = None,
     ) -> None:
-        """Prepare a run; with a key of 32 bytes all that is sent is signed.
-
-        On a `mesh` vehicles hear their peers beside what their radios carry.
-        """
+        """Prepare a run; with a key of 32 bytes all that is sent is signed."""
         sysids = [link.sysid for link in links]
         controllers = controllers_for(mission, folder, sysids, delay_s=START_S)
         super().__init__(controllers, folder, speed=speed)
         self.found: list[str] = []
         """A sentence for every vehicle that was found."""
         self._links = links
-        self._mesh = mesh
         self._key = key
         if key is not None:
             sign_with(key, self.controllers, folder.started_utc)
 
     async def fly(self, progress: Callable[[], None]) -> None:
         """Fly every vehicle until its mission ends, one way or the other."""
-        links: Sequence[Link] = self._links
-        if self._mesh is not None:
-            links = [self._mesh.join(link, link.sysid) for link in self._links]
         journals = self.folder.path / JOURNALS
         with (
             self.interruptible(),
             Guard(journals, speed=self.clock.speed, key=self._key) as guard,
         ):
             self.tell = guard.tell
-            await self.fly_over(links, progress, [self._find()])
-        if self._mesh is not None and self._mesh.refused:
-            self.notes.append(f"{self._mesh.refused} datagrams on the mesh were no companion's")
+            await self.fly_over(self._links, progress, [self._find()])
 
     async def _find(self) -> None:
         """Say who is there, and give up on who is not heard in time."""

@@ -260,6 +260,14 @@ def test_a_mistake_is_named(write: Write, text: str, key: str, reason: str) -> N
             "duration_s",
             "must be below limits.max_time_s (60), not 60",
         ),
+        (
+            "peers: radio",
+            "peers",
+            (
+                "radio: expected autopilot, udp://GROUP:PORT[?interface=IP] for multicast, "
+                "udp://ADDRESS:PORT for broadcast"
+            ),
+        ),
     ],
 )
 def test_keys_that_do_not_fit_together_are_named(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import socket
-from collections.abc import Callable, Iterator
+import contextlib
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 import pytest
@@ -21,7 +21,9 @@ from swarm_ctl.autopilot.command import command
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.flight import orders_of
 from swarm_ctl.link.base import MESH, STREAM, Heard, Source
-from swarm_ctl.link.mesh import Mesh, _broadcasts
+from swarm_ctl.link.broadcast import Broadcast
+from swarm_ctl.link.mesh import Mesh, Transport, _broadcasts
+from swarm_ctl.link.url import parse_peers
 from swarm_ctl.mission import load_mission
 from swarm_ctl.model import ZERO, Setpoint
 
@@ -30,6 +32,9 @@ pytestmark = pytest.mark.wire
 PATIENCE_S = 5.0
 QUIET_S = 0.1
 TUNNEL = wire.message("TUNNEL")
+
+
+Process = Callable[[], Mesh]
 
 
 class Cable:
@@ -81,22 +86,31 @@ class Companion:
         return [data for data, _ in self.heard]
 
 
+@pytest.fixture(params=["udp://239.255.42.42:{}?interface=127.0.0.1", "udp://127.255.255.255:{}"])
+def url(request: pytest.FixtureRequest, free_udp_port: int) -> str:
+    """Give the address of a network, once for each kind of transport."""
+    return str(request.param).format(free_udp_port)
+
+
 @pytest.fixture
-def process(free_udp_port: int) -> Iterator[Callable[[], Mesh]]:
+async def process(url: str) -> AsyncIterator[Process]:
     """Give a function that opens a mesh as one more process of this machine would."""
-    url = f"udp://239.255.42.42:{free_udp_port}?interface=127.0.0.1"
-    opened: list[Mesh] = []
+    async with contextlib.AsyncExitStack() as stack:
+        tasks = await stack.enter_async_context(asyncio.TaskGroup())
 
-    def begin() -> Mesh:
-        opened.append(Mesh(url))
-        return opened[-1]
+        def begin() -> Mesh:
+            mesh = Mesh(transport(url))
+            stack.callback(mesh.close)
+            stack.callback(tasks.create_task(mesh.run()).cancel)
+            return mesh
 
-    yield begin
-    for one in opened:
-        one.close()
+        yield begin
 
 
-Process = Callable[[], Mesh]
+def transport(url: str) -> Transport:
+    network = parse_peers(url)
+    assert network is not None
+    return Broadcast(network)
 
 
 async def test_all_hear_one_another_in_one_process_and_in_several(process: Process) -> None:
@@ -127,20 +141,16 @@ async def test_only_what_is_for_everybody_leaves_and_the_vehicle_gets_it_all(
     assert one.cable.sent == [order + setpoint, datagram]
 
 
-async def test_nothing_but_companions_is_taken_from_the_network(process: Process) -> None:
+async def test_nothing_but_companions_is_taken_from_the_network(process: Process, url: str) -> None:
     mesh = process()
     one, two = Companion(mesh, 1), Companion(process(), 2)
     forged = wire.message("LOCAL_POSITION_NED").pack(0, 1, 1, 0, *[9.0] * 6)
     autopilot = wire.message("HEARTBEAT").pack(0, 2, 1, 2, 12, 29, 0, 3, 3)
     own = one.sender.broadcast(BEACON_TYPE, b"my own, come back")
     beacon = two.sender.broadcast(BEACON_TYPE, b"beacon")
-    outsider = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    with outsider:
-        outsider.setsockopt(
-            socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1")
-        )
+    with contextlib.closing(transport(url)) as stranger:
         for data in (forged, autopilot, own, b"\xfd" * 300, beacon[:-1], b"", forged + beacon):
-            outsider.sendto(data, mesh._group)
+            stranger.send(2, data)
     assert await one.hears(1) == [beacon]
     assert mesh.refused == 5
 
@@ -154,9 +164,18 @@ async def test_who_has_left_hears_nothing_and_the_others_go_on(process: Process)
     one.link.send(told)
     assert await three.hears(1) == [told]
     assert two.heard == []
+
+
+async def test_a_network_that_is_down_leaves_a_vehicle_its_own_link_and_its_neighbours(
+    url: str,
+) -> None:
+    mesh = Mesh(transport(url))
+    one, two = Companion(mesh, 1), Companion(mesh, 2)
     mesh.close()
+    told = one.sender.heartbeat()
     assert one.link.send(told), "its own link is as good as before"
-    assert not mesh.tell(told)
+    assert await two.hears(1) == [told]
+    assert mesh.account() == ["1 datagrams did not leave for the mesh"]
 
 
 async def test_the_vehicles_own_link_is_heard_as_before(process: Process) -> None:
@@ -192,22 +211,39 @@ def test_an_agent_takes_beacons_alone_from_the_mesh(tmp_path: Path) -> None:
         "udp://239.255.42.42",
         "udp://239.255.42.42:0",
         "udp://239.255.42.42:70000",
-        "udp://192.168.1.1:14700",
         "udp://239.255.42.421:14700",
         "udp://swarm.local:14700",
-        "udpin://239.255.42.42:14700",
         "udp://239.255.42.42:14700/x",
         "udp://239.255.42.42:14700?interface=wlan0",
         "udp://239.255.42.42:14700?interfaces=127.0.0.1",
-        "",
+        "udp://192.168.1.255:14700?interface=192.168.1.7",
     ],
 )
-def test_what_is_no_mesh_is_refused_in_one_sentence(url: str) -> None:
+def test_what_is_no_network_is_refused_in_one_sentence(url: str) -> None:
     with pytest.raises(SwarmError, match="expected a multicast group and a port") as caught:
-        Mesh(url)
+        parse_peers(url)
     assert "\n" not in str(caught.value)
 
 
-def test_a_network_that_this_machine_is_not_on_is_refused_in_one_sentence() -> None:
-    with pytest.raises(SwarmError, match="expected a multicast group"):
-        Mesh("udp://239.255.42.42:14700?interface=192.0.2.7")
+@pytest.mark.parametrize("url", ["udpin://239.255.42.42:14700", "radio", "Autopilot", ""])
+def test_what_carries_nothing_is_refused_in_one_sentence(url: str) -> None:
+    with pytest.raises(SwarmError, match=f"^{url}: expected autopilot, udp://GROUP:PORT"):
+        parse_peers(url)
+
+
+def test_autopilots_alone_carry_frames_when_nothing_else_is_asked_for() -> None:
+    assert parse_peers("autopilot") is None
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "udp://239.255.42.42:14700?interface=192.0.2.7",
+        "udp://127.0.0.1:14700",
+        "udp://192.0.2.7:14700",
+    ],
+)
+def test_a_network_that_this_machine_is_not_on_is_refused_in_one_sentence(url: str) -> None:
+    with pytest.raises(SwarmError, match="expected a multicast group") as caught:
+        transport(url)
+    assert "\n" not in str(caught.value)

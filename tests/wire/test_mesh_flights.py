@@ -6,11 +6,13 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from session import Session
 
 from mock_vehicle.testing import Plan, RealSwarm, Truth, launch
 from swarm_ctl.cli import main
@@ -60,7 +62,7 @@ def test_vehicles_of_two_processes_keep_apart_by_the_mesh(
         assert isinstance(swarm, RealSwarm)
         processes = [
             subprocess.Popen(
-                [*fly, "--connect", swarm[n].url, "--out", str(tmp_path / str(n)), "--mesh", mesh],
+                [*fly, "--connect", swarm[n].url, "--out", str(tmp_path / str(n)), "--peers", mesh],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
             )
@@ -85,8 +87,8 @@ def test_vehicles_of_two_processes_keep_apart_by_the_mesh(
     ("options", "words"),
     [
         (
-            ["--sysid", "1", "--mesh", "udp://10.0.0.1:14700"],
-            "udp://10.0.0.1:14700: expected a multicast group",
+            ["--sysid", "1", "--peers", "udp://127.0.0.1:14700"],
+            "networks; expected a multicast group",
         ),
         (["--sysid", "7"], "search.yaml: frame.starts_m: lacks vehicle 7; all that fly must be in"),
     ],
@@ -110,3 +112,13 @@ def test_what_cannot_be_flown_in_a_shared_frame_is_told_in_one_sentence(
     assert words in complained
     assert "\n" not in complained
     assert not (tmp_path / "run").exists()
+
+
+def test_in_virtual_time_there_is_no_network(
+    hall: Callable[..., Path], swarm_ctl_run: Callable[..., Session]
+) -> None:
+    session = swarm_ctl_run(hall(), "--virtual", "--peers", "udp://239.255.42.42:14700")
+    code, _, complaints = session.end()
+    assert (code, complaints.count("\n")) == (2, 1)
+    assert complaints.startswith("--peers: in --virtual the mock's radio is all")
+    assert not session.out.exists()
