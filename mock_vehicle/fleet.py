@@ -224,7 +224,7 @@ class Fleet:
         sightings = self._infrared.see(position, airborne)
         self._read(distances, alive, sightings)
         self._drain(alive)
-        self.referee.sample(now, position, airborne, distances, sightings)
+        self.referee.sample(now, position, airborne, distances, sightings, self.radio.linked)
         self.wind.blow(TICK_S)
         self._find_near(distances)
 

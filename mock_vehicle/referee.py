@@ -82,6 +82,9 @@ class Referee:
         self._ticks = 0
         self._curve: list[tuple[float, float]] = []
         self._track: list[tuple[float, FLOATS]] = []
+        self._links: list[NDArray[np.uint8]] = []
+        """At each time of the curve: which pairs hear each other, packed as bits."""
+        self._pair_of = np.triu_indices(n, 1)
 
     @property
     def collisions(self) -> int:
@@ -116,8 +119,9 @@ class Referee:
         airborne: BOOLS,
         distances_m: FLOATS,
         sightings: tuple[INDICES, ...],
+        linked: BOOLS,
     ) -> None:
-        """Look at the fleet once per tick."""
+        """Look at the fleet once per tick; `linked[a, b]` says that b hears a."""
         self._now = now
         step = position_ned_m - self._position_ned_m
         self.path_length_m += np.sqrt(np.einsum("ij,ij->i", step, step))
@@ -132,6 +136,8 @@ class Referee:
             self._track.append((now, position_ned_m.astype(np.float32)))
         if not self._curve or now >= self._curve[-1][0] + CURVE_S - 1e-6:
             self._curve.append((now, self.coverage.fraction))
+            first, second = self._pair_of
+            self._links.append(np.packbits(linked[first, second] & linked[second, first]))
 
     def snapshot(self) -> dict[str, Any]:
         """Say how the run goes, in JSON values."""
@@ -223,6 +229,7 @@ class Referee:
             "track_ned_m": np.array([at for _, at in self._track]).reshape(-1, n, 3),
             "coverage_time_s": np.array([time for time, _ in self._curve]),
             "coverage_fraction": np.array([fraction for _, fraction in self._curve]),
+            "links": np.array(self._links, dtype=np.uint8),
             "seen_s": np.fmin.reduce(grid.seen_s, axis=0),
             "seen_fraction": seen.sum(axis=0) / np.maximum(columns, 1),
             "free": grid.free.any(axis=0),

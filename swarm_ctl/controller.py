@@ -110,7 +110,7 @@ class Controller:
             messages_sent=agent.sender.sent,
             messages_received=agent.parser.stats.frames,
             messages_lost=agent.messages_lost,
-            victims=sorted(agent.victims),
+            victims=sorted(agent.victims.seen),
             explored_from_s=agent.explored_from_s,
             explored_to_s=agent.explored_to_s,
             autopilot=agent.telemetry.autopilot.name if agent.telemetry.autopilot else "",

@@ -155,7 +155,7 @@ def finish(
         notes=notes,
     )
     if is_real:
-        victims = {one.agent.sysid: one.agent.victims for one in controllers}
+        victims = {one.agent.sysid: one.agent.victims.seen for one in controllers}
         summary["notes"] += draw_own_paths(folder.path, summary, victims)
     else:
         summary["notes"] += draw_pictures(folder.path, summary, speed_m_s=mission.flight.speed_m_s)

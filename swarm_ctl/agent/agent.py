@@ -19,10 +19,20 @@ from swarm_ctl.agent.homing import Homeward, Trail
 from swarm_ctl.agent.orders import COMMAND_IDS, COMMANDS, Inbox, obey
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peers import Neighbour, PeerTable
-from swarm_ctl.agent.phases import ENDED, SILENT, STEERING, STREAMING, Cause, Phase, advance
+from swarm_ctl.agent.phases import (
+    BEFORE_START,
+    ENDED,
+    SILENT,
+    STEERING,
+    STREAMING,
+    Cause,
+    Phase,
+    advance,
+)
 from swarm_ctl.agent.regain import HAS_LANDED, STILL_LANDING
 from swarm_ctl.agent.sender import Sender
 from swarm_ctl.agent.sharing import Sharing
+from swarm_ctl.agent.victims import VICTIMS_TYPE, Victims
 from swarm_ctl.agent.watch import TIME_OVER, Vigil, missing, watch
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.base import COMPANION_COMPONENT
@@ -94,7 +104,7 @@ class Agent:
         self.inbox = Inbox(sysid)
         self.trail = Trail()
         self.homeward = Homeward()
-        self.victims: dict[int, Vec3] = {}
+        self.victims = Victims(sysid)
         self.explored_from_s: float | None = None
         self.explored_to_s: float | None = None
         self.is_paused = self.is_given = self.is_steering = False
@@ -211,7 +221,7 @@ class Agent:
             position_ned_m=self.telemetry.position_ned_m,
             battery_fraction=self.telemetry.battery_fraction,
             peers=self.peers.heard(self.now),
-            victims=len(self.victims),
+            victims=len(self.victims.seen),
             note=self.reason,
             silent_s=self.now - self.telemetry.heard_s,
         )
@@ -327,8 +337,26 @@ class Agent:
             elif beacon.mission == self._tag:
                 shift = shift_between(self.frame.start(self.telemetry), beacon.start)
                 self.peers.beacon(sysid, beacon, now, shift)
-        elif self._sharing is not None and self.peers.is_ours(sysid):
+        elif not self.peers.is_ours(sysid):
+            return
+        elif payload_type == VICTIMS_TYPE:
+            self._hear_of_victims(sysid, payload, now)
+        elif self._sharing is not None:
             self._sharing.hear(sysid, payload_type, payload)
+
+    def _hear_of_victims(self, sysid: int, payload: bytes, now: float) -> None:
+        """Take what a peer tells of victims; before the start there is no frame to place them."""
+        if self.is_ended or self.phase in BEFORE_START:
+            return
+        meeting = next((met for met in self.peers.met(now) if met.sysid == sysid), None)
+        for number, finder, place in self.victims.hear(sysid, payload, meeting):
+            self.note(
+                "VictimHeard",
+                victim=number,
+                finder=finder,
+                told_by=sysid,
+                position_ned_m=_rounded(place),
+            )
 
     def _digest(self) -> None:
         """Turn what was heard since the last tick into state and facts."""
@@ -337,10 +365,8 @@ class Agent:
             self.peers.fix(telemetry.peer_fixes, telemetry.position_ned_m, self.now)
             telemetry.peer_fixes.clear()
         for number, place in telemetry.victim_fixes:
-            if number not in self.victims:
-                self.victims[number] = place
-                rounded = [round(value, 2) for value in place]
-                self.note("VictimFound", victim=number, position_ned_m=rounded)
+            if self.victims.see(number, place):
+                self.note("VictimFound", victim=number, position_ned_m=_rounded(place))
         telemetry.victim_fixes.clear()
         for text in telemetry.texts:
             self.note("StatusText", text=text.words, severity=text.severity)
@@ -412,16 +438,23 @@ class Agent:
             self.commands.request(command(commands.REQUEST_MESSAGE, _ORIGIN_ID))
             origin = self.frame.origin_to_tell
             frames += [] if origin is None else [sender.origin(origin)]
+        return frames + [sender.broadcast(*told) for told in self._told_to_peers(now)]
+
+    def _told_to_peers(self, now: float) -> list[tuple[int, bytes]]:
+        """Give payload types and payloads to broadcast now."""
+        told = []
         has_place = self.telemetry.position_s > -math.inf and not self.vigil.distrust
         is_known = self.telemetry.autopilot is not None and has_place
         if now >= self._next_beacon_s and is_known:
             self._next_beacon_s = now + beacons.PERIOD_S
-            payload = beacons.encode(self._beacon())
-            frames.append(sender.broadcast(beacons.BEACON_TYPE, payload))
+            told.append((beacons.BEACON_TYPE, beacons.encode(self._beacon())))
+        if self.victims.known and is_known:
+            contacts = filter(self.peers.is_ours, self.peers.heard(now))
+            if payload := self.victims.outgoing(contacts, now):
+                told.append((VICTIMS_TYPE, payload))
         if self._sharing is not None and self.phase in STEERING:
-            told = self._sharing.outgoing(bool(self.neighbours), now)
-            frames += [sender.broadcast(kind, payload) for kind, payload in told]
-        return frames
+            told += self._sharing.outgoing(bool(self.neighbours), now)
+        return told
 
     def _last_word(self, velocity: Vec3) -> Setpoint:
         """Let the guard bend what the duty wants; nothing else makes a setpoint."""
@@ -455,6 +488,10 @@ class Agent:
         """Whether what it tells of its place is fresh, and counts from its start."""
         is_fresh = self.now - self.telemetry.position_s <= self.orders.limits.link_hold_s
         return is_fresh and self.phase is not Phase.CONNECTING
+
+
+def _rounded(place: Vec3) -> list[float]:
+    return [round(value, 2) for value in place]
 
 
 def _vec3(values: list[float], z: float) -> Vec3:

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from swarm_ctl.agent.phases import Phase
+from swarm_ctl.agent.victims import Report
 from swarm_ctl.autopilot.status import AUTOPILOTS
 from swarm_ctl.explore.explorer import WrittenOff
 from swarm_ctl.explore.trails import START
@@ -46,7 +47,7 @@ class Diary:
         self._state: Page = {}
         self._due_s = -math.inf
         self._marks = len(agent.trail.marks)
-        self._victims = len(agent.victims)
+        self._seen, self._known = len(agent.victims.seen), len(agent.victims.known)
         self._told: dict[int, int] = {}
         self._written_off = 0
         if (explorer := agent.explorer) is not None:
@@ -75,11 +76,15 @@ class Diary:
             return True
         if self._due_s == math.inf:
             return False
-        if len(agent.victims) > self._victims:
+        if self._has_new_victims():
             return True
         if explorer is None or not agent.neighbours:
             return False
         return explorer.trails.length(agent.sysid) > self._told.get(agent.sysid, 0)
+
+    def _has_new_victims(self) -> bool:
+        victims = self._agent.victims
+        return len(victims.seen) > self._seen or len(victims.known) > self._known
 
     def _grown(self) -> Page:
         """Give the new ends of the lists."""
@@ -87,10 +92,12 @@ class Diary:
         if marks := agent.trail.marks[self._marks :]:
             grown["trail"] = marks  # exact: rounding could change its cells
             self._marks += len(marks)
-        if len(agent.victims) > self._victims:
-            new = list(agent.victims.items())[self._victims :]
-            grown["victims"] = [[number, *_rounded(place)] for number, place in new]
-            self._victims += len(new)
+        if self._has_new_victims():
+            seen = list(agent.victims.seen.items())[self._seen :]
+            known = list(agent.victims.known.values())[self._known :]
+            grown["victims"] = [[number, *_rounded(place)] for number, place in seen]
+            grown["told"] = [[number, finder, *_rounded(place)] for number, finder, place in known]
+            self._seen, self._known = self._seen + len(seen), self._known + len(known)
         if (explorer := agent.explorer) is not None:
             if logs := explorer.trails.beyond(self._told):
                 grown["logs"] = [base64.b64encode(payload).decode() for payload in logs]
@@ -184,7 +191,10 @@ def _remember(agent: Agent, state: Page, pages: Sequence[Page], now: float) -> N
     agent.telemetry.origin = Geodetic(*state["origin"]) if state["origin"] else None
     agent.telemetry.position_ned_m = agent.hold_ned_m = agent.vigil.left_ned_m
     agent.sender.sent, agent.parser.stats.frames, agent.lost_before = state["messages"]
-    agent.victims = {number: Vec3(*place) for number, *place in _all(pages, "victims")}
+    agent.victims.remember(
+        {number: Vec3(*place) for number, *place in _all(pages, "victims")},
+        (Report(number, by, Vec3(*place)) for number, by, *place in _all(pages, "told")),
+    )
     for place in _all(pages, "trail"):
         agent.trail.mark(Vec3(*place))
     if agent.explorer is not None:

@@ -115,6 +115,8 @@ TABLE: dict[tuple[Phase, Cause], Phase] = {
     (P.LOST, C.FAULT): P.FAILED,
 }
 
+BEFORE_START = frozenset({P.CONNECTING, P.READY})
+"""A vehicle's own frame begins where it stands when it is armed; what is told before is in none."""
 ENDED = frozenset({P.DONE, P.FAILED})
 """Nothing leads out of these."""
 STEERING = frozenset({P.EXPLORING, P.AVOIDING, P.HOLDING, P.RETURNING})

@@ -9,7 +9,7 @@ import numpy as np
 
 from swarm_ctl.agent.beacon import SUMMARY_TYPE, TRAIL_TYPE
 from swarm_ctl.agent.peers import PeerTable
-from swarm_ctl.agent.phases import Phase
+from swarm_ctl.agent.phases import BEFORE_START
 from swarm_ctl.explore.explorer import Explorer
 from swarm_ctl.model import Vec3
 
@@ -22,8 +22,6 @@ SCAN_M = 2.0
 """Scanner hits farther than this are left for later, when they are seen more exactly."""
 PEER_M = 0.6
 """Hits this close to a peer are the peer."""
-_BEFORE_START = frozenset({Phase.CONNECTING, Phase.READY})
-"""A peer's frame begins where it stands when it is armed; what it tells before is none of it."""
 
 
 class Sharing:
@@ -56,7 +54,7 @@ class Sharing:
             self._next_meeting_s = now + MEET_S
         d = self._dimensions
         for sysid, beacon, there, here in met:
-            if beacon.phase in _BEFORE_START:
+            if beacon.phase in BEFORE_START:
                 continue
             target = None if beacon.target_ned_m is None else beacon.target_ned_m[:d]
             self.explorer.hear_peer(

@@ -200,7 +200,8 @@ def test_what_was_known_is_known_again(begin: Begin, kind: str) -> None:
     flight.kill()
     flight.restart()
     for old, new in zip(before, [flight.agent(sysid) for sysid in (1, 2, 3)], strict=True):
-        assert new.victims.keys() == old.victims.keys()
+        assert new.victims.seen.keys() == old.victims.seen.keys()
+        assert new.victims.known.keys() == old.victims.known.keys()
         marks = len(new.trail.marks)
         assert len(old.trail.marks) - 4 <= marks, "a second old at most"
         assert new.trail.marks == old.trail.marks[:marks]

@@ -280,6 +280,8 @@ def test_the_truth_is_written(launch: Launch, tmp_path: Path) -> None:
         assert arrays["seen_s"].dtype == np.float32
         assert (np.diff(arrays["coverage_fraction"]) >= 0.0).all()
         assert arrays["coverage_fraction"][-1] > 0.0
+        assert arrays["links"].shape == (len(arrays["coverage_time_s"]), 1)
+        assert not arrays["links"].any(), "20 m apart"
         assert arrays["victim_found_by"].tolist() == [1]
         assert arrays["sysids"].tolist() == [1, 2]
 

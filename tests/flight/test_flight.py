@@ -67,9 +67,11 @@ def test_a_vehicle_hears_only_the_peers_in_radius(launch: Launch) -> None:
 
 def test_a_victim_is_reported_where_it_lies(launch: Launch) -> None:
     flight = launch(vehicles=3, duration_s=200.0)
-    flight.fly_until(lambda: any(c.agent.victims for c in flight.arena.controllers), within_s=230.0)
-    finder = next(c for c in flight.arena.controllers if c.agent.victims)
-    (place,) = finder.agent.victims.values()
+    flight.fly_until(
+        lambda: any(c.agent.victims.seen for c in flight.arena.controllers), within_s=230.0
+    )
+    finder = next(c for c in flight.arena.controllers if c.agent.victims.seen)
+    (place,) = finder.agent.victims.seen.values()
     start = flight.arena.fleet.starts_ned_m[finder.index]
     assert place.x + start[0] == pytest.approx(4.0, abs=0.3)
     assert place.y + start[1] == pytest.approx(4.0, abs=0.3)
