@@ -132,11 +132,11 @@ async def _serve(
         def keep() -> None:
             report()
             if out is not None and next(reports) % TRUTH_EVERY == 0:
-                fleet.referee.write(out)
+                fleet.write(out)
 
         await server.run(duration_s=duration_s, report=keep, watch_stdin=show is show_json)
         if out is not None:
-            fleet.referee.write(out)
+            fleet.write(out)
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -16,7 +17,7 @@ from mock_vehicle.faults import Fault, check
 from mock_vehicle.geodesy import Origin
 from mock_vehicle.lossy import LossyLinks, Place
 from mock_vehicle.radio import Radio
-from mock_vehicle.referee import PARTED_M, Referee
+from mock_vehicle.referee import PARTED_M, Referee, write_json
 from mock_vehicle.sensors.battery import Batteries
 from mock_vehicle.sensors.gnss import Gnss, Reception
 from mock_vehicle.sensors.infrared import Infrared
@@ -134,16 +135,7 @@ class Fleet:
         )
         self._infrared = Infrared(world)
         self.batteries = Batteries(self.n)
-        self.radio = Radio(
-            self.sysids,
-            radius_m=spec.radio.radius_m,
-            delay_s=spec.radio.delay_s,
-            loss_fraction=spec.radio.loss_fraction,
-            ranging=spec.radio.ranging,
-            range_noise_m=sensors.radio_range_noise_m,
-            bearing_noise_rad=math.radians(sensors.bearing_noise_deg),
-            rng=rngs[1],
-        )
+        self.radio = Radio(self.sysids, spec.radio, rngs[1])
         self.odometry = Odometry(self.starts_ned_m, sensors.odometry_drift_fraction, rngs[2])
         self.wind = Wind(spec.wind, self.n, rngs[3])
         self.gnss = Gnss(self.n, Reception[spec.gnss.reception.upper()], rngs[4])
@@ -153,6 +145,11 @@ class Fleet:
         """Give every vehicle the swarm's key; `timestamp` is that of mission time 0."""
         for vehicle in self.vehicles:
             vehicle.sign_with(key, timestamp)
+
+    def write(self, folder: Path) -> None:
+        """Write what the referee saw, and the radio's figures; docs/run-folder.md."""
+        self.referee.write(folder)
+        write_json(folder / "radio.json", self.radio.figures.report())
 
     @property
     def refused(self) -> int:
@@ -222,7 +219,7 @@ class Fleet:
         alive = np.array([vehicle.alive for vehicle in self.vehicles])
         airborne = ~self.dynamics.on_ground & alive
         sightings = self._infrared.see(position, airborne)
-        self._read(distances, alive, sightings)
+        self._read(distances, alive, sightings, now)
         self._drain(alive)
         self.referee.sample(now, position, airborne, distances, sightings, self.radio.linked)
         self.wind.blow(TICK_S)
@@ -240,7 +237,11 @@ class Fleet:
         return leaving
 
     def _read(
-        self, distances: FLOATS, alive: NDArray[np.bool_], sightings: tuple[INDICES, ...]
+        self,
+        distances: FLOATS,
+        alive: NDArray[np.bool_],
+        sightings: tuple[INDICES, ...],
+        now: float,
     ) -> None:
         """Write the readings of rangefinders, radio, infrared and odometry."""
         body, readings = self.dynamics, self.readings
@@ -250,8 +251,8 @@ class Fleet:
         seer, seen = np.nonzero(close)
         ranges = self.rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen))
         readings.ranges_m[:], readings.ring_m[:] = ranges
-        self.radio.update(distances, alive)
-        readings.peers[:] = self.radio.fixes(position, attitude)
+        self.radio.update(distances, alive, position, now)
+        readings.peers[:] = self.radio.fixes(position, attitude, now)
         readings.victims[:] = self._infrared.fixes(sightings, position, attitude)
         readings.drift_ned_m[:] = self.odometry.move(position, TICK_S)
         readings.gnss_error_ned_m[:] = self.gnss.measure(TICK_S)

@@ -202,8 +202,8 @@ class Referee:
         arrays = io.BytesIO()
         np.savez_compressed(arrays, **self._arrays())
         _replace(folder / "truth.npz", arrays.getvalue())
-        _replace(folder / "world.json", _json(self._world.outline()))
-        _replace(folder / "truth.json", _json(self.truth()))
+        write_json(folder / "world.json", self._world.outline())
+        write_json(folder / "truth.json", self.truth())
 
     def _separate(self, distances_m: FLOATS) -> None:
         flying = np.nonzero(self._airborne)[0]
@@ -248,8 +248,9 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _json(content: dict[str, Any]) -> bytes:
-    return json.dumps(content, allow_nan=False).encode()
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a file of the truth; a reader never sees half of it."""
+    _replace(path, json.dumps(content, allow_nan=False).encode())
 
 
 def _replace(path: Path, content: bytes) -> None:

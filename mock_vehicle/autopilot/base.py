@@ -264,7 +264,7 @@ class Autopilot(Personality):
         self.parameter_service.run(self, now)
         self.to = self.links[:1]
         if self.peers:
-            ranging.peers(self, now)
+            ranging.peers(self)
         if self.victims:
             ranging.victims(self, now)
         self.to = self.links

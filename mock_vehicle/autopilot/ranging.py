@@ -83,13 +83,12 @@ def obstacle_distance(autopilot: Autopilot, now: float) -> None:
     )
 
 
-def peers(autopilot: Autopilot, now: float) -> None:
-    """Send what the radio measured of its peers: +x turned towards each, body FRD."""
-    time = boot_ms(autopilot, now)
+def peers(autopilot: Autopilot) -> None:
+    """Send what the radio measured of its peers, and when: +x turned towards each, body FRD."""
     for fix in autopilot.peers:
         autopilot.send(
             DISTANCE_SENSOR,
-            time,
+            boot_ms(autopilot, max(fix.time_s, autopilot.booted_at)),
             0,
             FARTHEST_CM,
             centimetres(fix.range_m),

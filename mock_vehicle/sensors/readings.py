@@ -20,6 +20,8 @@ class PeerFix(NamedTuple):
     range_m: float
     direction_body: tuple[float, float, float]
     """Unit vector towards the peer, body FRD."""
+    time_s: float
+    """When it was measured, mission time."""
 
 
 class VictimFix(NamedTuple):
@@ -51,7 +53,7 @@ class Readings:
     battery_current_a: Floats
     """Shape (n,); larger empties the battery sooner."""
     peers: list[list[PeerFix]]
-    """Per vehicle: the peers it heard since the last tick."""
+    """Per vehicle: the fixes of peers that its radio tells this tick."""
     victims: list[list[VictimFix]]
     """Per vehicle: the victims it sees now."""
     drift_ned_m: Floats

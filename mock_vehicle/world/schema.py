@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from mock_vehicle.world import spec
+from mock_vehicle.world import radio, spec
 
 
 def world_schema() -> dict[str, Any]:
@@ -21,7 +21,7 @@ def world_schema() -> dict[str, Any]:
     """
     schema = spec.WorldSpec.model_json_schema()
     for name, model in {"WorldSpec": schema, **schema["$defs"]}.items():
-        words = dict(_docstrings(getattr(spec, name)))
+        words = dict(_docstrings(vars(spec).get(name) or getattr(radio, name)))
         for key, described in model["properties"].items():
             described["description"] = words[key]
     return schema

@@ -2,53 +2,27 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Discriminator,
-    Field,
-    PlainValidator,
-    Tag,
-    WithJsonSchema,
-    model_validator,
-)
+from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from mock_vehicle.faults import Fault, FaultError, read_fault
 from mock_vehicle.faults.describe import schema
 from mock_vehicle.geodesy import TESTING_GROUND
-
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Positive = Annotated[Number, Field(gt=0)]
-Fraction = Annotated[Number, Field(ge=0, le=1)]
-Point = tuple[Number, Number]
-Extent = tuple[Positive, Positive]
-
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _name_the_nearest_key(cls, data: Any) -> Any:
-        """Refuse an unknown key, before anything else is wrong with it."""
-        for key in data if isinstance(data, dict) else ():
-            if key not in cls.model_fields:
-                near = difflib.get_close_matches(str(key), cls.model_fields, n=1, cutoff=0.5)
-                raise PydanticCustomError(
-                    "unknown_key",
-                    "unknown key; did you mean {near}?" if near else "unknown key; known: {near}",
-                    {"key": str(key), "near": near[0] if near else ", ".join(cls.model_fields)},
-                )
-        return data
+from mock_vehicle.world.radio import RadioSpec
+from mock_vehicle.world.section import (
+    Extent,
+    NotNegative,
+    Number,
+    Point,
+    Positive,
+    Section,
+)
 
 
-class MapSpec(_Section):
+class MapSpec(Section):
     """A ROS map_server map as walls, in place of `size_m` and the outer walls."""
 
     file: Path
@@ -57,7 +31,7 @@ class MapSpec(_Section):
     """Height of its walls above the floor, m; default: to the ceiling, 3 m under open sky."""
 
 
-class _Solid(_Section):
+class _Solid(Section):
     """What stands upright."""
 
     bottom_m: NotNegative = 0.0
@@ -77,7 +51,7 @@ class BoxSpec(_Solid):
     """Its x axis, degrees counter-clockwise from east."""
 
 
-class DoorSpec(_Section):
+class DoorSpec(Section):
     """A gap in a wall."""
 
     at_m: NotNegative
@@ -110,7 +84,7 @@ class CylinderSpec(_Solid):
     """Radius, m."""
 
 
-class VictimSpec(_Section):
+class VictimSpec(Section):
     """Somebody to find."""
 
     name: Annotated[str, Field(min_length=1)]
@@ -119,7 +93,7 @@ class VictimSpec(_Section):
     """x, y, z, m."""
 
 
-class StartSpec(_Section):
+class StartSpec(Section):
     """The place of one vehicle on the floor."""
 
     position_m: Point
@@ -128,7 +102,7 @@ class StartSpec(_Section):
     """Direction of its nose, degrees counter-clockwise from east; 90 is north."""
 
 
-class GridSpec(_Section):
+class GridSpec(Section):
     """Rows from west to east, the next row to the north."""
 
     origin_m: Point
@@ -141,7 +115,7 @@ class GridSpec(_Section):
     """Direction of all noses, degrees counter-clockwise from east."""
 
 
-class RandomSpec(_Section):
+class RandomSpec(Section):
     """Anywhere on free floor, noses anywhere, both drawn from the run's seed."""
 
     margin_m: NotNegative = 1.0
@@ -150,14 +124,14 @@ class RandomSpec(_Section):
     """Least distance between two vehicles, m."""
 
 
-class GridStarts(_Section):
+class GridStarts(Section):
     """Starts in rows."""
 
     grid: GridSpec
     """The rows."""
 
 
-class RandomStarts(_Section):
+class RandomStarts(Section):
     """Starts by chance."""
 
     random: RandomSpec
@@ -184,7 +158,7 @@ Starts = Annotated[
 ]
 
 
-class CoverageSpec(_Section):
+class CoverageSpec(Section):
     """How the referee counts space as seen."""
 
     footprint: Literal["square", "disc", "sphere"] = "disc"
@@ -197,27 +171,14 @@ class CoverageSpec(_Section):
     """Whether walls hide what is behind them."""
 
 
-class RadioSpec(_Section):
-    """The telemetry radio between vehicles."""
-
-    radius_m: NotNegative = 2.0
-    """Range, m."""
-    delay_s: NotNegative = 0.0
-    """Time from sending to hearing, s."""
-    loss_fraction: Fraction = 0.0
-    """Share of frames that get lost."""
-    ranging: bool = True
-    """Whether it also measures range and bearing of whom it hears."""
-
-
-class InfraredSpec(_Section):
+class InfraredSpec(Section):
     """The sensor that sees victims."""
 
     range_m: NotNegative = 2.0
     """Range, m."""
 
 
-class WindSpec(_Section):
+class WindSpec(Section):
     """The wind."""
 
     from_deg: Number = 0.0
@@ -228,8 +189,8 @@ class WindSpec(_Section):
     """Standard deviation of the gusts, m/s."""
 
 
-class SensorsSpec(_Section):
-    """Ranges and errors of the other sensors."""
+class SensorsSpec(Section):
+    """Ranges and errors of rangefinders and odometry."""
 
     range_max_m: Positive = 8.0
     """Farthest distance of the rangefinders, m."""
@@ -237,13 +198,9 @@ class SensorsSpec(_Section):
     """Standard deviation of the rangefinders, m."""
     odometry_drift_fraction: NotNegative = 0.0
     """Drift of the position estimate per distance flown."""
-    bearing_noise_deg: NotNegative = 0.0
-    """Standard deviation of the radio's bearing to a peer, degrees."""
-    radio_range_noise_m: NotNegative = 0.0
-    """Standard deviation of the radio's range to a peer, m."""
 
 
-class GnssSpec(_Section):
+class GnssSpec(Section):
     """Where the world lies on the globe, and how well satellites are received there."""
 
     latitude_deg: Annotated[Number, Field(ge=-85, le=85)] = TESTING_GROUND.latitude_deg
@@ -268,14 +225,14 @@ FaultSpec = Annotated[Fault, PlainValidator(_fault), WithJsonSchema(schema())]
 """Something that breaks during the run; `mock_vehicle.faults` knows what can."""
 
 
-class FaultsSpec(_Section):
+class FaultsSpec(Section):
     """A file of faults alone."""
 
     faults: tuple[FaultSpec, ...] = ()
     """What breaks, as in a world file."""
 
 
-class WorldSpec(_Section):
+class WorldSpec(Section):
     """A world file: x east, y north, z up, metres, degrees counter-clockwise from east."""
 
     name: Annotated[str, Field(min_length=1)]

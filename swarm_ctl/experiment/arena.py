@@ -94,7 +94,7 @@ class Arena:
     def write_truth(self, run: Path) -> None:
         """Let the referee write into a run folder what really happened, unless it was killed."""
         if self._is_mock_alive:
-            self.fleet.referee.write(run / TRUTH)
+            self.fleet.write(run / TRUTH)
 
     def _step_fleet(self, now: float) -> None:
         try:

@@ -137,10 +137,10 @@ def test_same_seed_same_bytes(launch: Launch) -> None:
     noisy = (
         HALL
         + """
-sensors: {range_noise_m: 0.05, bearing_noise_deg: 3, radio_range_noise_m: 0.1,
-          odometry_drift_fraction: 0.02}
+sensors: {range_noise_m: 0.05, odometry_drift_fraction: 0.02}
 wind: {speed_m_s: 2, gust_m_s: 0.5}
-radio: {radius_m: 20, loss_fraction: 0.2, delay_s: 0.05}
+radio: {radius_m: 20, loss_fraction: 0.2, delay_s: 0.05, jitter_s: 0.05, duplicate_fraction: 0.1,
+        ranging: {bearing_noise_deg: 3, range_noise_m: 0.1}}
 """
     )
 
@@ -261,8 +261,9 @@ def test_the_truth_is_written(launch: Launch, tmp_path: Path) -> None:
     flight.velocity = [(0.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
     flight.fly(6.0)
     folder = tmp_path / "run" / "truth"
-    flight.fleet.referee.write(folder)
+    flight.fleet.write(folder)
     assert sorted(file.name for file in folder.iterdir()) == [
+        "radio.json",
         "truth.json",
         "truth.npz",
         "world.json",

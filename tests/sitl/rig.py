@@ -27,6 +27,7 @@ from mock_vehicle.radio import Radio
 from mock_vehicle.referee import PAIR_TOUCH_M, WALL_TOUCH_M, Contacts
 from mock_vehicle.sensors.rangefinder import RANGE_MIN_M, RING, Rangefinders, Ranges
 from mock_vehicle.world import load_world
+from mock_vehicle.world.radio import RadioSpec
 from swarm_ctl import wire
 
 Floats = NDArray[np.float64]
@@ -139,7 +140,7 @@ class Rig:
         rng = np.random.default_rng(seed)
         self._reach_m = self.world.spec.sensors.range_max_m
         self._eyes = Rangefinders(range_max_m=self._reach_m, noise_m=0.0, rng=rng)
-        self._radio = Radio(self.sysids, radius_m=self.world.spec.radio.radius_m, rng=rng)
+        self._radio = Radio(self.sysids, RadioSpec(radius_m=self.world.spec.radio.radius_m), rng)
         self._walls = Contacts(len(vehicles))
         self.apart_m = math.inf
         """Nearest that two ever came in the air, centre to centre."""
@@ -219,15 +220,15 @@ class Rig:
         place = self.starts_ned_m + np.array([outlet.offset_ned_m for outlet in self.outlets])
         gaps = np.linalg.norm(place[:, None] - place[None, :], axis=2)
         angles = np.array([outlet.attitude_rad for outlet in self.outlets]).T
-        self._radio.update(gaps, np.ones(len(place), dtype=bool))
+        self._radio.update(gaps, np.ones(len(place), dtype=bool), place, now)
         seer, seen = np.nonzero(~np.eye(len(place), dtype=bool))
         ranges = self._eyes.measure(self.world, place, angles[2], (seer, seen))
-        fixes = self._radio.fixes(place, (angles[0], angles[1], angles[2]))
+        fixes = self._radio.fixes(place, (angles[0], angles[1], angles[2]), now)
         for index, outlet in enumerate(self.outlets):
             outlet.sensed.clear()
             outlet.sensed.extend(self._readings(outlet, ranges, index))
             if self._ticks % 2:
-                outlet.sensed.extendleft(_fix(outlet, *fix) for fix in fixes[index])
+                outlet.sensed.extendleft(_fix(outlet, *fix[:3]) for fix in fixes[index])
         self.track.append((now, place))
         self._judge(place, gaps, now)
 

@@ -313,7 +313,7 @@ def test_a_dead_vehicle_falls_and_answers_nothing(personality: Personality) -> N
 @both
 def test_a_peer_that_is_not_heard_any_more_is_not_reported(personality: Personality) -> None:
     client = Client(personality)
-    client.readings.peers[0].append(PeerFix(9, 4.0, (1.0, 0.0, 0.0)))
+    client.readings.peers[0].append(PeerFix(9, 4.0, (1.0, 0.0, 0.0), 0.0))
     client.tick()
     client.readings.peers = [[]]
     assert not [m for m in client.tick("DISTANCE_SENSOR") if m.get_srcComponent() == 68]

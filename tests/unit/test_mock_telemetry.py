@@ -169,7 +169,7 @@ def test_request_data_stream_works_on_ardupilot_only() -> None:
 @both
 def test_sequence_numbers_have_no_gaps_per_component(personality: Personality) -> None:
     client = Client(personality)
-    client.readings.peers[0].append(PeerFix(9, 4.0, (1.0, 0.0, 0.0)))
+    client.readings.peers[0].append(PeerFix(9, 4.0, (1.0, 0.0, 0.0), 0.0))
     client.command(511, 32, 1e5)
     client.fly(40.0)
     for compid in (1, 68):
@@ -265,7 +265,7 @@ def test_a_range_that_fits_no_field_is_nothing_in_range(personality: Personality
 def test_a_peer_comes_from_the_radio_with_its_bearing(personality: Personality) -> None:
     client = Client(personality)
     directions = [(0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.6, 0.0, -0.8)]
-    client.readings.peers[0] += [PeerFix(20 + i, 12.34, d) for i, d in enumerate(directions)]
+    client.readings.peers[0] += [PeerFix(20 + i, 12.34, d, 0.0) for i, d in enumerate(directions)]
     fixes = [m for m in client.tick("DISTANCE_SENSOR") if m.get_srcComponent() == 68]
     assert [(m.id, m.orientation, m.current_distance) for m in fixes] == [
         (20, 100, 1234),

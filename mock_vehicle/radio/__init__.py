@@ -1,0 +1,132 @@
+"""The radios between vehicles: who hears whom, from where, and what is carried when."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import itemgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mock_vehicle.radio.air import NOTHING, Received, Transmission
+from mock_vehicle.radio.figures import Fate, Figures
+from mock_vehicle.radio.partition import Partition
+from mock_vehicle.radio.ranging import Ranging
+from mock_vehicle.radio.stray import Parcel, Stray
+from mock_vehicle.sensors.readings import PeerFix
+from mock_vehicle.world.radio import RadioSpec
+
+FLOATS = NDArray[np.float64]
+BOOLS = NDArray[np.bool_]
+INDICES = NDArray[np.intp]
+
+
+class Radio:
+    """The radios of a whole fleet; as it comes, whoever is powered and in the radius is heard.
+
+    What goes beyond an ideal disc draws from generators of its own: a disc draws as ever.
+    """
+
+    def __init__(self, sysids: Sequence[int], spec: RadioSpec, rng: np.random.Generator) -> None:
+        self._sysids = list(sysids)
+        self._spec = spec
+        self._rng = rng
+        n = len(self._sysids)
+        self.extra_loss: FLOATS = np.zeros(n)
+        """Share of frames that a vehicle's radio loses beside the usual, (n,)."""
+        self.linked: BOOLS = np.zeros((n, n), dtype=bool)
+        """`linked[a, b]`: a and b hear each other, as of the last `update`."""
+        self.figures = Figures(self._sysids)
+        """What became of all frames."""
+        self._fate = np.full((n, n), Fate.OFF_AIR, dtype=np.int8)
+        self._silent = np.zeros(n, dtype=bool)
+        self._air: list[Transmission] = []
+        self._stray = Stray(spec, *rng.spawn(1))
+        self._ranging = None if spec.ranging is None else Ranging(spec.ranging, sysids, rng)
+        self._partitions = [Partition(one, self._sysids) for one in spec.partitions]
+
+    def silence(self, sysid: int) -> None:
+        """Take a vehicle off the air, in both directions, from now on."""
+        index = self._sysids.index(sysid)
+        self._silent[index] = True
+        for links, off_air in ((self.linked, False), (self._fate, Fate.OFF_AIR)):
+            links[index, :] = off_air
+            links[:, index] = off_air
+
+    def restore(self, sysid: int) -> None:
+        """Bring a silenced vehicle back; it is heard from the next `update`."""
+        self._silent[self._sysids.index(sysid)] = False
+
+    def update(self, distances_m: FLOATS, alive: BOOLS, position_ned_m: FLOATS, now: float) -> None:
+        """Find the links for (n, n) distances; a radio that is dead or silenced has none."""
+        fate = (distances_m > self._spec.radius_m) * np.int8(Fate.RANGE)
+        for partition in self._partitions:
+            if partition.lasts(now):
+                fate[partition.parts(position_ned_m) & (fate == Fate.HEARD)] = Fate.PARTITION
+        off_air = ~alive | self._silent
+        fate[off_air, :] = Fate.OFF_AIR
+        fate[:, off_air] = Fate.OFF_AIR
+        np.fill_diagonal(fate, Fate.OFF_AIR)
+        self._fate, self.linked = fate, fate == Fate.HEARD
+
+    def fixes(
+        self, position_ned_m: FLOATS, attitude_rad: tuple[FLOATS, FLOATS, FLOATS], now: float
+    ) -> list[list[PeerFix]]:
+        """Measure every heard peer: range, and direction in the hearer's body FRD frame."""
+        if self._ranging is None:
+            return [[] for _ in self._sysids]
+        hearer, peer = np.nonzero(self.linked)
+        received = self._receives(hearer, peer)
+        pairs = hearer[received], peer[received]
+        return self._ranging.measure(pairs, position_ned_m, attitude_rad, now)
+
+    def send(self, index: int, frame: bytes, now: float) -> None:
+        """Put a broadcast frame on the air; it arrives after the delay, at the next `carry`."""
+        self._air.append(Transmission(now + self._spec.delay_s, index, frame, now))
+
+    def carry(self, now: float) -> list[tuple[int, bytes]]:
+        """Take what arrives by `now`: (hearer index, frame), in the order of time and sender."""
+        received = self._receive(now) if self._air else NOTHING
+        if self._stray.is_needed:
+            self._stray.hold(received)
+            return self._come_in(self._stray.take(now), now)
+        self.figures.deliver(received, now)
+        return [(hearer, one.frame) for hearer, one in received.pairs()]
+
+    def _receive(self, now: float) -> Received:
+        """Let the hearers of all that is due receive it, or not."""
+        due = sorted((one for one in self._air if one.due_s <= now), key=itemgetter(0, 1))
+        self._air = [one for one in self._air if one.due_s > now]
+        if not due:
+            return NOTHING
+        senders = np.array([one.sender for one in due])
+        fates = self._fate[senders]
+        rows, hearers = np.nonzero(fates == Fate.HEARD)
+        lost = ~self._receives(hearers, senders[rows])
+        fates[rows[lost], hearers[lost]] = Fate.LOSS
+        self.figures.meet(senders, fates)
+        return Received(due, rows[~lost], hearers[~lost])
+
+    def _come_in(self, parcels: list[Parcel], now: float) -> list[tuple[int, bytes]]:
+        first = [parcel for parcel in parcels if not parcel.is_copy]
+        self.figures.deliver(
+            Received(
+                [parcel.transmission for parcel in first],
+                np.arange(len(first)),
+                np.array([parcel.hearer for parcel in first], dtype=np.intp),
+            ),
+            now,
+        )
+        for parcel in parcels:
+            self.figures.duplicates[parcel.transmission.sender, parcel.hearer] += parcel.is_copy
+        return [(parcel.hearer, parcel.transmission.frame) for parcel in parcels]
+
+    def _receives(self, hearer: INDICES, talker: INDICES) -> BOOLS:
+        """Lose a fraction of the transmissions."""
+        if self._spec.loss_fraction <= 0.0 and not self.extra_loss.any():
+            return np.ones(len(hearer), dtype=bool)
+        extra = np.maximum(self.extra_loss[hearer], self.extra_loss[talker])
+        received: BOOLS = self._rng.random(len(hearer)) >= np.maximum(
+            self._spec.loss_fraction, extra
+        )
+        return received
