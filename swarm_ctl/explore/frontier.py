@@ -23,7 +23,7 @@ NEAR_STEPS = 5
 """Steps of the search within which a sliver is as good as any: it is on the way."""
 POCKET_CELLS = 80
 """Fewer unknown cells that hang together are work for one: who is there first has them."""
-BESIDE_CELLS = 2
+BESIDE_CELLS = 3
 """A way to a place that is not free itself may end this far beside it."""
 CORNERS_AHEAD = 60
 """Cells along a way over which a straight line is tried."""
@@ -67,20 +67,20 @@ def find_way_to(
 ) -> list[list[float]]:
     """Give the corners of the shortest way to a place; empty when none is known.
 
-    A place that counts as too near to a wall, seen since, is flown to from the nearest free cell.
+    To a place that counts as wall, or near one, seen since, it leads by the nearest free cell.
     """
     padded = np.pad(memory.grid, 1)
-    goal = np.zeros(padded.shape, dtype=np.uint8)
+    ranks = np.zeros(padded.shape, dtype=np.uint8)
     index = np.floor(memory.cells(goal_m)).astype(int) + 1
     if (index < 1).any() or (index >= np.array(padded.shape) - 1).any():
         return []
     low = np.maximum(index - BESIDE_CELLS, 0)
     around = tuple(slice(a, b) for a, b in zip(low, index + BESIDE_CELLS + 1, strict=True))
     near = np.argwhere(_free(padded[around])) + low
-    if not len(near):
-        return []
-    goal[tuple(near[np.argmin(((near - index) ** 2).sum(axis=1))])] = 1
-    corners = [memory.metres(corner) for corner in _corners(memory, position_m, padded, goal, goal)]
+    ranks[tuple(near.T)] = kernels.SLIVER + 1 + ((near - index) ** 2).sum(axis=1)
+    corners = [
+        memory.metres(corner) for corner in _corners(memory, position_m, padded, ranks, ranks)
+    ]
     return [*corners[:-1], [float(value) for value in goal_m]] if corners else []
 
 
