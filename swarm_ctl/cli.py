@@ -213,7 +213,7 @@ def _fly_udp(
 ) -> dict[str, Any]:
     flight = UdpRun(mission, folder, speed=speed, faults=faults, key=key)
     flight.broker = broker
-    with open_mesh(mission.peers) as flight.mesh, ProgressView(mission, console) as view:
+    with open_mesh(mission) as flight.mesh, ProgressView(mission, console) as view:
 
         def show(flight: UdpRun) -> None:
             snapshots = [controller.agent.snapshot() for controller in flight.controllers]

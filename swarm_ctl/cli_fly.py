@@ -147,7 +147,7 @@ async def _fly(
         for url in dict.fromkeys(urls):
             shared[url] = SharedLink(open_link(url))
             opened.callback(shared[url].close)
-        mesh = opened.enter_context(open_mesh(mission.peers))
+        mesh = opened.enter_context(open_mesh(mission))
         if not sysids:
             sysids = [await only_autopilot(shared[urls[0]], speed)]
             console.print(f"heard sysid {sysids[0]} at {urls[0]}: flying this one", markup=False)

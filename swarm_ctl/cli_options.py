@@ -15,10 +15,12 @@ import typer
 from rich.console import Console
 
 from swarm_ctl.bus.mqtt import PASSWORD_VARIABLE, Broker
+from swarm_ctl.bus.peers import PeersOverMqtt
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.link.broadcast import Broadcast
 from swarm_ctl.link.mesh import Mesh
-from swarm_ctl.link.url import parse_peers
+from swarm_ctl.link.url import Meeting, Network, parse_peers
+from swarm_ctl.mission import Mission
 from swarm_ctl.model import Operator
 from swarm_ctl.run.fleet import STOP_SIGNALS, TWICE
 from swarm_ctl.signing import KEY_VARIABLE, find_key
@@ -79,7 +81,8 @@ Peers = Annotated[
     typer.Option(
         help="What carries peers' frames beside the vehicles' radios: udp://239.255.42.42:14700 "
         "(multicast; ?interface=IP behind it chooses a network), udp://192.168.1.255:14700 "
-        "(broadcast), or autopilot for nothing else. Default: as the mission says.",
+        "(broadcast), mqtt://[USER@]HOST[:PORT], or autopilot for nothing else. Default: the "
+        "mission's.",
         metavar="URL",
         show_default=False,
     ),
@@ -109,14 +112,17 @@ def read_broker(url: str | None) -> Broker | None:
 
 
 @contextmanager
-def open_mesh(peers: str) -> Iterator[Mesh | None]:
+def open_mesh(mission: Mission) -> Iterator[Mesh | None]:
     """Open what carries peers' frames, if anything does; SwarmError when it cannot be had."""
-    network = parse_peers(peers)
-    if network is None:
-        yield None
-        return
-    with closing(Mesh(Broadcast(network))) as mesh:
-        yield mesh
+    match parse_peers(mission.peers):
+        case None:
+            yield None
+        case Network() as network:
+            with closing(Mesh(Broadcast(network))) as mesh:
+                yield mesh
+        case Meeting(url):
+            broker = Broker.parse(url, os.environ, "--peers")
+            yield Mesh(PeersOverMqtt(broker, mission.name))
 
 
 class Interrupts:

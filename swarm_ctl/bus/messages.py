@@ -25,6 +25,11 @@ def ack_topic(mission: str, sysid: int | None = None) -> str:
     return f"{ROOT}/{mission}/{'+' if sysid is None else sysid}/ack"
 
 
+def peers_topic(mission: str, sysid: int | None = None) -> str:
+    """Name where a vehicle tells its peers; without a sysid, the filter that hears all of them."""
+    return f"{ROOT}/{mission}/{'+' if sysid is None else sysid}/peers"
+
+
 class Order(NamedTuple):
     """An order as it came, or what is wrong with it."""
 

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import secrets
 import ssl
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 from urllib.parse import unquote, urlsplit
@@ -47,7 +47,7 @@ class Broker:
         return f"{'mqtts' if self.tls else 'mqtt'}://{host}:{self.port}"
 
     @classmethod
-    def parse(cls, url: str, environment: Mapping[str, str]) -> Self:
+    def parse(cls, url: str, environment: Mapping[str, str], option: str = "--mqtt") -> Self:
         """Read `mqtt[s]://[user[:password]@]host[:port]`; SwarmError says what is expected."""
         try:
             parts = urlsplit(url)
@@ -57,7 +57,7 @@ class Broker:
         except (ValueError, KeyError):
             host = ""
         if not host or parts.path not in {"", "/"} or parts.query or parts.fragment:
-            raise SwarmError("--mqtt: expected mqtt://[USER@]HOST[:PORT], or mqtts:// for TLS")
+            raise SwarmError(f"{option}: expected mqtt://[USER@]HOST[:PORT], or mqtts:// for TLS")
         password = environment.get(PASSWORD_VARIABLE, parts.password and unquote(parts.password))
         user = parts.username and unquote(parts.username)
         tls = ssl.create_default_context() if parts.scheme == "mqtts" else None
@@ -80,10 +80,25 @@ class Broker:
         )
 
 
-async def stay_connected(broker: Broker, session: Session) -> None:
+async def may_hear(
+    client: aiomqtt.Client, topics: Sequence[str], qos: int, what: str = "the orders"
+) -> None:
+    """Subscribe; MqttError when the broker does not let us."""
+    granted = await client.subscribe([(topic, qos) for topic in topics])
+    if any(getattr(code, "is_failure", False) for code in granted):
+        raise aiomqtt.MqttError(f"it does not let us hear {what}")
+
+
+async def stay_connected(
+    broker: Broker,
+    session: Session,
+    *,
+    without: str = "it",
+    longest_retry_s: float = LONGEST_RETRY_S,
+) -> None:
     """Run a session, and another one whenever it has ended, until cancelled; never raises.
 
-    Each loss of the broker is one warning, and so is its return.
+    Each loss of the broker is one warning, what we fly on `without`, and so is its return.
     """
     loop, wait_s, is_told = asyncio.get_running_loop(), RETRY_S, False
     while True:
@@ -97,12 +112,12 @@ async def stay_connected(broker: Broker, session: Session) -> None:
         except Exception as error:  # noqa: BLE001 - whatever it is, the vehicles fly on
             _end_if_cancelled()
             if not is_told:
-                LOG.warning("%s: %s; flying on without it", broker, in_words(error))
+                LOG.warning("%s: %s; flying on without %s", broker, in_words(error), without)
             is_told = True
-        if loop.time() - began_s > LONGEST_RETRY_S:
+        if loop.time() - began_s > longest_retry_s:
             wait_s = RETRY_S
         await asyncio.sleep(wait_s)
-        wait_s = min(2.0 * wait_s, LONGEST_RETRY_S)
+        wait_s = min(2.0 * wait_s, longest_retry_s)
 
 
 def in_words(error: BaseException) -> str:

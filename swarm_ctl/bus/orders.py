@@ -12,7 +12,7 @@ from typing import NamedTuple
 import aiomqtt
 
 from swarm_ctl.bus.messages import Ack, Order, ack_topic, order_topic
-from swarm_ctl.bus.mqtt import Broker, in_words, stay_connected
+from swarm_ctl.bus.mqtt import Broker, in_words, may_hear, stay_connected
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Operator
 
@@ -63,9 +63,7 @@ class OrderDesk:
         await stay_connected(self._broker, self._serve)
 
     async def _serve(self, client: aiomqtt.Client) -> None:
-        granted = await client.subscribe([(topic, 1) for topic in self._for])
-        if any(getattr(code, "is_failure", False) for code in granted):
-            raise aiomqtt.MqttError("it does not let us hear the orders")
+        await may_hear(client, list(self._for), 1)
         self.sessions += 1
         async with asyncio.TaskGroup() as tasks:
             for _ in range(ACKS_AT_ONCE):

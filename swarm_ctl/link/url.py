@@ -19,15 +19,22 @@ NETWORK_EXPECTED = (
     "behind it where the machine has several networks, or a broadcast address of a network, as "
     "udp://192.168.1.255:14700"
 )
+BROKER_EXPECTED = (
+    "expected mqtt://[USER@]HOST[:PORT], or mqtts:// for TLS, and the password in "
+    "SWARM_MQTT_PASSWORD"
+)
 PEERS_EXPECTED = (
     "expected autopilot, udp://GROUP:PORT[?interface=IP] for multicast, udp://ADDRESS:PORT for "
-    "broadcast"
+    "broadcast, or mqtt://[USER@]HOST[:PORT]"
 )
 AUTOPILOT = "autopilot"
 """Peers' frames go the way that autopilots and their radios pass them on, and no other."""
 PORT_MAX = 0xFFFF
 _NETWORK = re.compile(
     r"udp://(?P<host>[\d.]+):(?P<port>\d{1,5})/?(\?interface=(?P<interface>[\d.]+))?"
+)
+_BROKER = re.compile(
+    r"mqtts?://([^\s:@/?#]+@)?([\w.-]{1,253}|\[[0-9A-Fa-f:.]+\])(:(?P<port>\d{1,5}))?/?", re.ASCII
 )
 _SERIAL = re.compile(r"serial://(?P<device>/[^:]+)(?::(?P<baud>[1-9]\d{0,7}))?")
 
@@ -55,12 +62,32 @@ class Network(NamedTuple):
     """Whether it is a multicast group's."""
 
 
-def parse_peers(url: str) -> Network | None:
+class Meeting(NamedTuple):
+    """A broker at which vehicles meet."""
+
+    url: str
+
+
+def parse_peers(url: str) -> Network | Meeting | None:
     """Read what carries peers' frames beside autopilots, None for nothing; else SwarmError."""
-    if url == AUTOPILOT:
-        return None
-    if not url.startswith("udp://"):
-        raise SwarmError(f"{url}: {PEERS_EXPECTED}")
+    match url.partition("://")[0]:
+        case "udp":
+            return _network(url)
+        case "mqtt" | "mqtts":
+            return _meeting(url)
+        case _ if url == AUTOPILOT:
+            return None
+    raise SwarmError(f"{url}: {PEERS_EXPECTED}")
+
+
+def _meeting(url: str) -> Meeting:
+    found = _BROKER.fullmatch(url)
+    if found is None or not 0 < int(found["port"] or 1) <= PORT_MAX:
+        raise SwarmError(BROKER_EXPECTED)  # without the address, which may hold a password
+    return Meeting(url)
+
+
+def _network(url: str) -> Network:
     found = _NETWORK.fullmatch(url)
     if found is not None:
         host, port, interface = found["host"], int(found["port"]), found["interface"]

@@ -265,7 +265,7 @@ def test_a_mistake_is_named(write: Write, text: str, key: str, reason: str) -> N
             "peers",
             (
                 "radio: expected autopilot, udp://GROUP:PORT[?interface=IP] for multicast, "
-                "udp://ADDRESS:PORT for broadcast"
+                "udp://ADDRESS:PORT for broadcast, or mqtt://[USER@]HOST[:PORT]"
             ),
         ),
     ],

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from halls import write_hall
+from mosquitto import PROGRAM, Mosquitto
 from session import Session
 
 SHORT: dict[str, Any] = {"duration_s": 5.0, "flight": {"height_m": 1.5, "climb_m_s": 1.0}}
@@ -21,6 +22,32 @@ def hall(tmp_path: Path) -> Callable[..., Path]:
         return write_hall(tmp_path, {**SHORT, **changes}, world)
 
     return write
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Mosquitto]:
+    """Give a broker that runs."""
+    if PROGRAM is None:
+        pytest.skip("mosquitto is not installed")
+    begun = Mosquitto(tmp_path)
+    begun.start()
+    yield begun
+    begun.kill()
+
+
+NETWORKS = {
+    "multicast": "udp://239.255.42.42:{}?interface=127.0.0.1",
+    "broadcast": "udp://127.255.255.255:{}",
+}
+
+
+@pytest.fixture(params=[*NETWORKS, "mqtt"])
+def peers_url(request: pytest.FixtureRequest) -> str:
+    """Give the address of what carries peers' frames, once for each kind of transport."""
+    if request.param in NETWORKS:
+        return NETWORKS[request.param].format(request.getfixturevalue("free_udp_port"))
+    url: str = request.getfixturevalue("broker").url
+    return url
 
 
 @pytest.fixture

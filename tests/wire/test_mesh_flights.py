@@ -48,13 +48,10 @@ def apart_m(truths: list[Truth]) -> float:
     return math.dist((north, east - STARTS_APART_M, down), other)
 
 
-def test_vehicles_of_two_processes_keep_apart_by_the_mesh(
-    tmp_path: Path, free_udp_port: int
-) -> None:
+def test_vehicles_of_two_processes_keep_apart_by_the_mesh(tmp_path: Path, peers_url: str) -> None:
     world, mission = tmp_path / "room.yaml", tmp_path / "search.yaml"
     world.write_text(WORLD)
     mission.write_text(yaml.safe_dump(MISSION))
-    mesh = f"udp://239.255.42.42:{free_udp_port}?interface=127.0.0.1"
     fly = [sys.executable, "-m", "swarm_ctl", "fly", str(mission), "--speed", str(SPEED)]
     plan = {"autopilot": "mixed", "vehicles": 2, "world": world, "speed": SPEED, "rates": "lean"}
     nearest_m = math.inf
@@ -62,7 +59,15 @@ def test_vehicles_of_two_processes_keep_apart_by_the_mesh(
         assert isinstance(swarm, RealSwarm)
         processes = [
             subprocess.Popen(
-                [*fly, "--connect", swarm[n].url, "--out", str(tmp_path / str(n)), "--peers", mesh],
+                [
+                    *fly,
+                    "--connect",
+                    swarm[n].url,
+                    "--out",
+                    str(tmp_path / str(n)),
+                    "--peers",
+                    peers_url,
+                ],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
             )
