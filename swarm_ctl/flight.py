@@ -72,6 +72,7 @@ def orders_of(mission: Mission) -> Orders:
         limits=mission.limits,
         seed=mission.seed,
         frame=mission.frame,
+        ranging=mission.ranging,
     )
 
 

@@ -7,13 +7,13 @@ from typing import Any, Literal, Self
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from swarm_ctl.agent.frame import FrameParams, mistakes
-from swarm_ctl.agent.params import FlightParams, Limits
+from swarm_ctl.agent.params import FlightParams, Limits, RangingParams
 from swarm_ctl.errors import MissionError, SwarmError
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.link.url import parse_peers
 from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, unknown_key
 
-BLOCKS = ("planner", "flight", "limits", "frame")
+BLOCKS = ("planner", "flight", "limits", "frame", "ranging")
 """Sections of a mission file, which are blocks of keys."""
 
 
@@ -41,6 +41,8 @@ class Mission(Section):
     peers: str = "autopilot"
     """What carries peers' frames beside their autopilots: an address as of `--peers`, or nothing
     else. In virtual time the mock's radio is all there is."""
+    ranging: RangingParams = RangingParams()
+    """How well their radios measure where a peer is."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of every random draw; the same seed repeats a run in virtual time."""
 

@@ -17,7 +17,7 @@ from swarm_ctl.agent.frame import FrameParams, SharedFrame, shift_between
 from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.homing import Homeward, Trail
 from swarm_ctl.agent.orders import COMMAND_IDS, COMMANDS, Inbox, obey
-from swarm_ctl.agent.params import FlightParams, Limits
+from swarm_ctl.agent.params import FlightParams, Limits, RangingParams
 from swarm_ctl.agent.peers import Neighbour, PeerTable
 from swarm_ctl.agent.phases import (
     BEFORE_START,
@@ -65,6 +65,7 @@ class Orders:
     limits: Limits
     seed: int
     frame: FrameParams = field(default_factory=FrameParams)
+    ranging: RangingParams = field(default_factory=RangingParams)
 
 
 class Agent:
@@ -96,7 +97,7 @@ class Agent:
         """Frames that were lost before the last restart."""
         self.frame = SharedFrame(orders.frame, sysid)
         self.telemetry = Telemetry(sysid, self.frame.yaw_offset_rad)
-        self.peers = PeerTable()
+        self.peers = PeerTable(orders.ranging, orders.flight.acceleration_m_s2)
         self.neighbours: list[Neighbour] = []
         """The fresh peers of this tick."""
         self.sender = Sender(sysid, self.frame.yaw_offset_rad)
@@ -362,7 +363,8 @@ class Agent:
         """Turn what was heard since the last tick into state and facts."""
         telemetry = self.telemetry
         if telemetry.peer_fixes:
-            self.peers.fix(telemetry.peer_fixes, telemetry.position_ned_m, self.now)
+            place, velocity = telemetry.position_ned_m, telemetry.velocity_ned_m_s
+            self.peers.fix(telemetry.peer_fixes, place, velocity, self.now)
             telemetry.peer_fixes.clear()
         for number, place in telemetry.victim_fixes:
             if self.victims.see(number, place):

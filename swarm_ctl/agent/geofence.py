@@ -109,9 +109,9 @@ class Guard:
     def _keep_right(self, velocity: Vec3, peers: Sequence[Neighbour]) -> Vec3:
         """Turn right of a peer in the way, as ships do: two that meet head-on would both stop."""
         speed = math.hypot(velocity.x, velocity.y)
-        for offset, _ in peers:
+        for offset, _, doubt_m in peers:
             distance = math.hypot(offset.x, offset.y)
-            if distance > self._limits.separation_m + GIVE_WAY_M or speed < 1e-6:
+            if distance > self._limits.separation_m + doubt_m + GIVE_WAY_M or speed < 1e-6:
                 continue
             ahead = (velocity.x * offset.x + velocity.y * offset.y) / max(distance * speed, 1e-6)
             if ahead > IN_THE_WAY:
@@ -124,20 +124,20 @@ class Guard:
     def _levelled(self, peers: Sequence[Neighbour]) -> list[Neighbour]:
         """Flatten peers at about the own height; who is far above or below is in nobody's way."""
         return [
-            Neighbour(Vec3(offset.x, offset.y, 0.0), velocity)
-            for offset, velocity in peers
+            Neighbour(Vec3(offset.x, offset.y, 0.0), velocity, doubt_m)
+            for offset, velocity, doubt_m in peers
             if abs(offset.z) < self._limits.separation_m
         ]
 
     def _peers(self, motion: Motion, peers: Sequence[Neighbour]) -> list[Constraint]:
         separation, (vx, vy, vz) = self._limits.separation_m, motion.velocity_ned_m_s
         constraints = []
-        for offset, velocity in peers:
+        for offset, velocity, doubt_m in peers:
             distance = max(math.hypot(*offset), 1e-3)
             x, y, z = (component / distance for component in offset)
             closing = (vx - velocity.x) * x + (vy - velocity.y) * y + (vz - velocity.z) * z
             left = distance - self._response_s * max(0.0, closing)
-            room = peer_limit(left, separation, self._braking, self._speed)
+            room = peer_limit(left, separation + doubt_m, self._braking, self._speed)
             constraints.append(Constraint(x, y, z, room))
         return constraints
 

@@ -1,5 +1,7 @@
 """What a mission may set about flying and about the limits no setpoint leaves."""
 
+import math
+
 from pydantic import Field
 
 from swarm_ctl.sections import Section
@@ -63,3 +65,19 @@ class Limits(Section):
     """Age of the plan, in seconds, at which the stream of setpoints becomes a hold."""
     max_time_s: float = Field(default=1800.0, gt=0.0, le=86_400.0)
     """Mission time, in seconds, at which every vehicle lands, come what may."""
+
+
+class RangingParams(Section):
+    """How well the radio measures where a peer is."""
+
+    range_sigma_m: float = Field(default=0.05, gt=0.0, le=5.0)
+    """Standard deviation of its range, in metres, with a bias that does not average out; larger
+    trusts single fixes less and keeps farther away from peers."""
+    bearing_sigma_deg: float = Field(default=3.0, gt=0.0, le=45.0)
+    """Standard deviation of its bearing, sideways and up each, in degrees; larger does the same,
+    the more the farther the peer is."""
+
+    def variance_m2(self, range_m: float) -> float:
+        """Give the variance of a fix per axis, the mean over the three of them."""
+        across_m = range_m * math.radians(self.bearing_sigma_deg)
+        return (self.range_sigma_m * self.range_sigma_m + 2.0 * across_m * across_m) / 3.0

@@ -9,17 +9,31 @@ from typing import NamedTuple
 
 from swarm_ctl.agent.beacon import Beacon
 from swarm_ctl.agent.frame import Shift
+from swarm_ctl.agent.params import RangingParams
+from swarm_ctl.agent.track import Track
 from swarm_ctl.autopilot.telemetry import PeerFix
-from swarm_ctl.model import ZERO, Vec3
+from swarm_ctl.model import Vec3
 
 MET_S = 0.3
 """Fix and beacon this young belong together: in this time a vehicle moves a footprint's part."""
 FRESH_S = 1.0
 """A peer silent for longer is out of range (ALGORITHM 3.4: seen in the last second)."""
+BLIND_SIGMA_M = 0.5
+"""A peer that is heard but not measured, as behind a blind angle, is known as long as this."""
+KEPT_S = 3.0
+"""A track whose last fix is older begins anew."""
 LATENCY_S = 0.1
 """From a peer's position to its beacon here, about one tick; a velocity bridges it."""
 AGREE_M = 2.0
 """What the radio measures and what a peer tells may differ by so much, level, and mean the same."""
+
+
+USUAL_M = 0.2
+"""Being wrong by so much is what the separation has room for: contact is at 0.6 m, not at 1 m."""
+DOUBT_SIGMAS = 3.0
+MOST_DOUBT_M = 0.5
+"""However little is known, no more is kept: vehicles that start side by side, or meet in a door,
+would push each other back for ever; and 1.5 m apart, both stop in time from 1 m/s."""
 
 
 class Neighbour(NamedTuple):
@@ -28,7 +42,9 @@ class Neighbour(NamedTuple):
     offset_ned_m: Vec3
     """From this vehicle to the peer."""
     velocity_ned_m_s: Vec3
-    """Zero when it has not told."""
+    """Zero when nothing is known of it."""
+    doubt_m: float = 0.0
+    """How much nearer than told by `offset_ned_m` it may be, beyond what is usual."""
 
 
 class Meeting(NamedTuple):
@@ -44,10 +60,10 @@ class Meeting(NamedTuple):
 
 @dataclass(slots=True)
 class Peer:
-    """One peer in this vehicle's own local frame: its last fix and its last beacon, if any."""
+    """One peer in this vehicle's own local frame: its track and its last beacon, if any."""
 
-    position_ned_m: Vec3 = ZERO
-    fixed_s: float = -math.inf
+    track: Track | None = None
+    """What the fixes tell; None before the first one."""
     beacon: Beacon | None = None
     beacon_s: float = -math.inf
     shift: Shift | None = None
@@ -55,56 +71,77 @@ class Peer:
 
     def is_known(self, now: float) -> bool:
         """Whether its place was measured, or told in a shared frame, just now."""
-        is_told = self.shift is not None and now - self.beacon_s <= FRESH_S
-        return is_told or now - self.fixed_s <= FRESH_S
+        is_told = now - self.beacon_s <= FRESH_S
+        return (is_told and self.shift is not None) or self._is_tracked(now, is_told=is_told)
+
+    def _is_tracked(self, now: float, *, is_told: bool) -> bool:
+        """Whether it was measured just now, or tells well enough how it has moved since then."""
+        if self.track is None:
+            return False
+        return now - self.track.fixed_s <= FRESH_S or (
+            is_told and self.track.at(now)[2] <= BLIND_SIGMA_M
+        )
 
     def measured(self, own: Vec3, now: float) -> Neighbour | None:
-        """Move it on from its last fix, at the velocity it told if that is fresh."""
-        if now - self.fixed_s > FRESH_S:
+        """Give where its track leads to; the nearer of two places while fixes disagree with it."""
+        if self.track is None or not self._is_tracked(now, is_told=now - self.beacon_s <= FRESH_S):
             return None
-        has_told = self.beacon is not None and now - self.beacon_s <= FRESH_S
-        velocity = self.beacon.velocity_ned_m_s if self.beacon and has_told else ZERO
-        place = _moved(self.position_ned_m, velocity, now - self.fixed_s)
-        return Neighbour(_minus(place, own), velocity)
+        place, velocity, sigma_m = self.track.at(now)
+        offset, rival = _minus(place, own), self.track.rival_at(now)
+        if rival is not None:
+            offset = min(offset, _minus(rival, own), key=lambda way: math.hypot(*way))
+        return Neighbour(offset, velocity, doubt_m(DOUBT_SIGMAS * sigma_m))
 
-    def told(self, own: Vec3, now: float) -> Neighbour | None:
+    def told(self, own: Vec3, now: float, acceleration_m_s2: float) -> Neighbour | None:
         """Move it on from where it said it was; as near in height as its height is doubtful."""
         if self.beacon is None or self.shift is None or now - self.beacon_s > FRESH_S:
             return None
-        place = _plus(_there(self.beacon, now - self.beacon_s), self.shift.offset_m)
+        age_s = now - self.beacon_s
+        place = _plus(_there(self.beacon, age_s), self.shift.offset_m)
         x, y, z = _minus(place, own)
         certain = math.copysign(max(0.0, abs(z) - self.shift.height_doubt_m), z)
-        return Neighbour(Vec3(x, y, certain), self.beacon.velocity_ned_m_s)
+        turned_m = 0.5 * acceleration_m_s2 * age_s * age_s
+        return Neighbour(Vec3(x, y, certain), self.beacon.velocity_ned_m_s, doubt_m(turned_m))
 
     def meeting(self, sysid: int, now: float) -> Meeting | None:
         """Give its place in both frames just now: as measured, else as told."""
         if self.beacon is None or now - self.beacon_s > MET_S:
             return None
-        if now - self.fixed_s <= MET_S:
-            there = _there(self.beacon, self.fixed_s - self.beacon_s)
-            return Meeting(sysid, self.beacon, there, self.position_ned_m)
+        there = _there(self.beacon, now - self.beacon_s)
+        if self.track is not None and now - self.track.fixed_s <= MET_S:
+            return Meeting(sysid, self.beacon, there, self.track.at(now)[0])
         if self.shift is None:
             return None
-        there = _there(self.beacon, now - self.beacon_s)
         return Meeting(sysid, self.beacon, there, _plus(there, self.shift.offset_m))
 
 
 class PeerTable:
     """Everybody this vehicle has heard."""
 
-    def __init__(self) -> None:
+    def __init__(
+        self, ranging: RangingParams | None = None, acceleration_m_s2: float = 2.0
+    ) -> None:
+        """Take how well the radio measures, and what peers can brake with."""
         self.unread = 0
         """Beacons of another build of this program, or broken."""
+        self._ranging = ranging or RangingParams()
+        self._acceleration_m_s2 = acceleration_m_s2
         self._peers: dict[int, Peer] = {}
         self._contacts: set[int] = set()
         self._doubted: set[int] = set()
 
-    def fix(self, fixes: Iterable[PeerFix], own_ned_m: Vec3, now: float) -> None:
-        """Take what the radio measured just now."""
-        for sysid, offset in fixes:
+    def fix(self, fixes: Iterable[PeerFix], own_ned_m: Vec3, own_m_s: Vec3, now: float) -> None:
+        """Take what the radio has measured, from where the vehicle was then."""
+        for sysid, offset, measured_s in fixes:
             peer = self._peers.setdefault(sysid, Peer())
-            peer.position_ned_m = _plus(own_ned_m, offset)
-            peer.fixed_s = now
+            place = _plus(_moved(own_ned_m, own_m_s, measured_s - now), offset)
+            variance_m2 = self._ranging.variance_m2(math.hypot(*offset))
+            if peer.track is not None and now - peer.track.fixed_s <= KEPT_S:
+                peer.track.fix(place, variance_m2, measured_s, now)
+                continue
+            peer.track = Track(place, variance_m2, measured_s, self._acceleration_m_s2)
+            if peer.beacon is not None and now - peer.beacon_s <= FRESH_S:
+                peer.track.hear(peer.beacon, now)
 
     def beacon(self, sysid: int, beacon: Beacon, now: float, shift: Shift | None = None) -> None:
         """Take a beacon, also of a peer that was never measured.
@@ -113,6 +150,8 @@ class PeerTable:
         """
         peer = self._peers.setdefault(sysid, Peer())
         peer.beacon, peer.beacon_s, peer.shift = beacon, now, shift
+        if peer.track is not None:
+            peer.track.hear(beacon, now)
 
     def is_ours(self, sysid: int) -> bool:
         """Whether a peer's beacon of our mission has been heard."""
@@ -126,7 +165,7 @@ class PeerTable:
         Where the two are at odds the nearer one wins, which is safe.
         """
         peers = (self._peers[sysid] for sysid in self.heard(now))
-        return [_safest(peer.measured(own_ned_m, now), peer.told(own_ned_m, now)) for peer in peers]
+        return [_safest(*self._places(peer, own_ned_m, now)) for peer in peers]
 
     def heard(self, now: float) -> tuple[int, ...]:
         """Give the sysids of peers whose place is known, in order."""
@@ -149,13 +188,26 @@ class PeerTable:
         found = []
         for sysid in self.heard(now):
             peer = self._peers[sysid]
-            measured, told = peer.measured(own_ned_m, now), peer.told(own_ned_m, now)
-            if sysid in self._doubted or measured is None or told is None:
+            if sysid in self._doubted or peer.shift is None:
+                continue
+            measured, told = self._places(peer, own_ned_m, now)
+            if measured is None or told is None:
                 continue
             if (apart_m := _apart_m(measured, told)) > AGREE_M:
                 self._doubted.add(sysid)
                 found.append((sysid, apart_m))
         return found
+
+    def _places(
+        self, peer: Peer, own: Vec3, now: float
+    ) -> tuple[Neighbour | None, Neighbour | None]:
+        """Give where a peer was measured, and where it says it is."""
+        return peer.measured(own, now), peer.told(own, now, self._acceleration_m_s2)
+
+
+def doubt_m(error_m: float) -> float:
+    """Give what is to be kept beside the separation from a peer that may be so far off."""
+    return min(max(error_m - USUAL_M, 0.0), MOST_DOUBT_M)
 
 
 def _safest(measured: Neighbour | None, told: Neighbour | None) -> Neighbour:

@@ -44,6 +44,9 @@ STEADY_RAD_S = 0.3
 """A scan taken while the vehicle turns faster is smeared: 0.1 s late is 2 degrees off."""
 JUMP_M, JUMP_WITHIN_S = 1.0, 1.0
 """A position this far from where the last one and the velocity lead to has jumped."""
+FARTHEST_PEER_M = 656.0
+"""What DISTANCE_SENSOR can say; a bearing that is no rotation leads farther."""
+OLDEST_FIX_S = 1.0
 _DISTANCE_SENSOR = wire.message("DISTANCE_SENSOR").id
 _SENSED = frozenset({_DISTANCE_SENSOR, wire.message("OBSTACLE_DISTANCE").id})
 
@@ -63,6 +66,8 @@ class PeerFix(NamedTuple):
     sysid: int
     offset_ned_m: Vec3
     """From this vehicle to the peer."""
+    measured_s: float
+    """Mission time of the measurement."""
 
 
 class VictimFix(NamedTuple):
@@ -141,7 +146,7 @@ class Telemetry(Status):
         if is_sensed(frame):
             self._handlers[frame.id](frame.values, now)
         elif frame.compid == RADIO_COMPONENT and frame.id == _DISTANCE_SENSOR:
-            self._peer_distance(frame.values)
+            self._peer_distance(frame.values, now)
         if frame.compid != AUTOPILOT_COMPONENT:
             return
         self.heard_s = now
@@ -209,13 +214,21 @@ class Telemetry(Status):
             for bearing in (first + index * increment,)
         ]
 
-    def _peer_distance(self, values: Any) -> None:
+    def _peer_distance(self, values: Any, now: float) -> None:
         if values.orientation != CUSTOM_ORIENTATION or not values.id:
             return
-        ahead = Vec3(values.current_distance * 0.01, 0.0, 0.0)
-        offset = body_to_ned(rotate(values.quaternion, ahead), *self.attitude_rad)
-        if all(map(math.isfinite, offset)):
-            self.peer_fixes.append(PeerFix(values.id, offset))
+        age_s = self._age_s(values.time_boot_ms, now)
+        roll, pitch, yaw = self.attitude_rad
+        ahead = rotate(values.quaternion, Vec3(values.current_distance * 0.01, 0.0, 0.0))
+        offset = body_to_ned(ahead, roll, pitch, yaw - age_s * self.yaw_rate_rad_s)
+        if math.hypot(*offset) <= FARTHEST_PEER_M:  # which NaN is not
+            self.peer_fixes.append(PeerFix(values.id, offset, now - age_s))
+
+    def _age_s(self, boot_ms: int, now: float) -> float:
+        """Give the age of what the radio tells; 0 when its clock is not the autopilot's."""
+        before_s = (self._boot_ms.get("LOCAL_POSITION_NED", 0) - boot_ms) / 1000.0
+        age_s = before_s + now - self.position_s
+        return age_s if boot_ms and 0.0 < age_s <= OLDEST_FIX_S else 0.0
 
     def _landing_target(self, values: Any, _now: float) -> None:
         if not values.position_valid:
