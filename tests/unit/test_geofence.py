@@ -98,3 +98,15 @@ def test_no_setpoint_leads_out_of_the_fence(wanted: list[tuple[float, float, flo
             place = Vec3(*(p + 0.1 * v for p, v in zip(place, flown, strict=True)))
             assert math.hypot(place.x, place.y) <= LIMITS.radius_m + 0.1
             assert LIMITS.floor_m - 0.1 <= -place.z <= LIMITS.ceiling_m + 0.1
+
+
+@pytest.mark.parametrize("distance_m", [0.8, 1.2, 1.6])
+def test_a_doubtful_peer_is_kept_as_far_off_as_one_that_is_so_much_nearer(
+    distance_m: float,
+) -> None:
+    wanted = Vec3(1.0, 0.9, 0.0)
+    doubtful = Neighbour(Vec3(0.0, distance_m, 0.0), ZERO, 0.3)
+    nearer = Neighbour(Vec3(0.0, distance_m - 0.3, 0.0), ZERO)
+    kept = GUARD.confine(wanted, at_rest(), CLEAR, [doubtful])
+    assert kept == pytest.approx(GUARD.confine(wanted, at_rest(), CLEAR, [nearer]))
+    assert kept.y < GUARD.confine(wanted, at_rest(), CLEAR, [doubtful._replace(doubt_m=0.0)]).y

@@ -233,7 +233,8 @@ class Bench:
             distance_m = math.hypot(dx, dy, dz)
             if distance_m > 1e-3:
                 way = (dx / distance_m, dy / distance_m, dz / distance_m)
-                found.append(("peer", way, distance_m - SEPARATION_M, half / 2.0))
+                room_m = distance_m - SEPARATION_M - peer.doubt_m
+                found.append(("peer", way, room_m, half / 2.0))
         for index, range_m in enumerate(telemetry.ranges_m):
             if range_m == math.inf or self.now - telemetry.ranges_s[index] > 0.5:
                 continue

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.agent.beacon import Beacon, decode, encode, mission_tag
 from swarm_ctl.agent.frame import Place, Shift
-from swarm_ctl.agent.peers import AGREE_M, LATENCY_S, PeerTable
+from swarm_ctl.agent.peers import AGREE_M, LATENCY_S, MOST_DOUBT_M, PeerTable
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot.telemetry import PeerFix
 from swarm_ctl.frames import Geodetic
@@ -196,3 +196,59 @@ def test_a_meeting_is_one_place_in_two_frames() -> None:
     assert measured.there_ned_m == pytest.approx(told.there_ned_m)
     assert measured.here_ned_m == (11.0, 0.0, 0.0)
     assert table.met(1.5) == []
+
+
+# -- doubt -------------------------------------------------------------------------------------
+
+
+def followed(until_s: float = 3.0) -> PeerTable:
+    """Give a table that has measured and heard a peer at rest, 2 m north, for a while."""
+    table = PeerTable()
+    for tick in range(1, round(until_s * 10) + 1):
+        table.fix([PeerFix(7, Vec3(2.0, 0.0, 0.0), tick * 0.1)], ZERO, ZERO, now=tick * 0.1)
+        table.beacon(7, told_at(ZERO), tick * 0.1)
+    return table
+
+
+def test_a_peer_measured_all_the_time_is_in_no_doubt() -> None:
+    (peer,) = followed().near(ZERO, 3.0)
+    assert peer.doubt_m == 0.0
+
+
+def test_the_longer_a_peer_is_not_measured_the_greater_the_doubt_but_not_for_ever() -> None:
+    table = followed()
+    doubts = [table.near(ZERO, 3.0 + age_s)[0].doubt_m for age_s in (0.2, 0.5, 0.7, 1.0)]
+    assert doubts == sorted(doubts)
+    assert doubts[0] < 0.1 < doubts[1]
+    assert doubts[-1] == MOST_DOUBT_M
+
+
+def test_a_peer_that_tells_its_place_is_doubted_as_it_grows_old() -> None:
+    table = PeerTable()
+    table.beacon(7, told_at(ZERO), 1.0, NORTH_10)
+    assert table.near(ZERO, 1.2)[0].doubt_m == 0.0
+    assert table.near(ZERO, 1.7)[0].doubt_m == pytest.approx(0.29)
+
+
+def test_a_fix_that_came_late_counts_from_where_the_vehicle_was_then() -> None:
+    table = PeerTable()
+    table.fix([PeerFix(7, Vec3(2.0, 0.0, 0.0), 0.8)], Vec3(1.0, 0.0, 0.0), Vec3(1, 0, 0), now=1.0)
+    (peer,) = table.near(ZERO, 1.0)
+    assert peer.offset_ned_m.x == pytest.approx(2.8)
+
+
+def test_while_fixes_disagree_with_a_track_the_nearer_place_counts() -> None:
+    table = followed()
+    for now in (3.1, 3.2):
+        table.fix([PeerFix(7, Vec3(0.0, 1.0, 0.0), now)], ZERO, ZERO, now)
+    (peer,) = table.near(ZERO, 3.2)
+    assert peer.offset_ned_m == pytest.approx((0.0, 1.0, 0.0), abs=0.01)
+
+
+def test_a_peer_behind_a_blind_angle_is_known_as_long_as_it_tells_how_it_moves() -> None:
+    table = followed()
+    for tick in range(1, 11):
+        table.beacon(7, told_at(Vec3(0.0, 0.2 * tick, 0.0), Vec3(0, 1, 0)), 3.0 + 0.2 * tick)
+    assert table.heard(5.0) == (7,)
+    (peer,) = table.near(ZERO, 5.0)
+    assert peer.offset_ned_m == pytest.approx((2.0, 2.0, 0.0), abs=0.1)
