@@ -97,6 +97,7 @@ def controllers_for(
             orders,
             start_delay_s=delay_s + index * spacing_s,
             restarts=folder.restarts(sysid),
+            birth=folder.birth,
         )
         for index, sysid in enumerate(sysids or range(1, mission.vehicles + 1))
     ]

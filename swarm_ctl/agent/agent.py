@@ -22,6 +22,7 @@ from swarm_ctl.agent.peers import Neighbour, PeerTable
 from swarm_ctl.agent.phases import (
     BEFORE_START,
     ENDED,
+    EXPLORES,
     SILENT,
     STEERING,
     STREAMING,
@@ -77,9 +78,18 @@ class Agent:
     """
 
     def __init__(
-        self, sysid: int, orders: Orders, *, start_delay_s: float = 0.0, restarts: int = 0
+        self,
+        sysid: int,
+        orders: Orders,
+        *,
+        start_delay_s: float = 0.0,
+        restarts: int = 0,
+        birth: int = 0,
     ) -> None:
-        """Begin with the first controller of a flight, or with one after some `restarts`."""
+        """Begin with the first controller of a flight, or with one after some `restarts`.
+
+        `birth` tells its log from what peers remember of an earlier run.
+        """
         self.sysid = sysid
         self.orders = orders
         self.start_delay_s = start_delay_s
@@ -126,6 +136,7 @@ class Agent:
             climb_m_s=orders.flight.climb_m_s,
             seeds=[(orders.seed, sysid, restarts) if restarts else (orders.seed, sysid)],
             sysid=sysid,
+            birth=birth,
         )
         self._sharing = None
         if isinstance(self._planner, Explorer):
@@ -267,7 +278,7 @@ class Agent:
             self.vigil.lost_from = before
         if cause in _ENDING and reason not in _AS_PLANNED:
             self.trouble = self.trouble or reason
-        if before in {Phase.EXPLORING, Phase.AVOIDING}:
+        if before in EXPLORES:
             self.explored_to_s = self.now
         self.entered_s = self._next_ask_s = self.now
         self.hold_ned_m = self.telemetry.position_ned_m
@@ -284,6 +295,8 @@ class Agent:
         """Ask the planner; a plan that fails leaves the old one to go stale, which holds."""
         place, dimensions = self.telemetry.position_ned_m, self.orders.planner.dimensions
         offsets = [peer.offset_ned_m for peer in self.neighbours]
+        heard = zip(self.peers.heard(self.now), offsets, strict=True)
+        ours = [offset for sysid, offset in heard if not self.peers.is_strange(sysid)]
         if self._sharing is not None:
             self._look_around(self._sharing, offsets)
         try:
@@ -291,7 +304,7 @@ class Agent:
                 np.array([place[:dimensions]]),
                 np.array([self.telemetry.yaw_rad]),
                 np.array([self.telemetry.ranges_m]),
-                np.array([offset[:dimensions] for offset in offsets]).reshape(1, -1, dimensions),
+                np.array([offset[:dimensions] for offset in ours]).reshape(1, -1, dimensions),
             )
             velocity = _vec3(plan.velocity_m_s[0].tolist(), 0.0)
             yaw_rad = float(plan.heading_rad[0])
@@ -338,6 +351,8 @@ class Agent:
             elif beacon.mission == self._tag:
                 shift = shift_between(self.frame.start(self.telemetry), beacon.start)
                 self.peers.beacon(sysid, beacon, now, shift)
+            else:
+                self.peers.estrange(sysid, now)
         elif not self.peers.is_ours(sysid):
             return
         elif payload_type == VICTIMS_TYPE:
@@ -480,7 +495,7 @@ class Agent:
             phase=self.phase,
             velocity_ned_m_s=self.telemetry.velocity_ned_m_s,
             position_ned_m=self.telemetry.position_ned_m,
-            target_ned_m=self.target_ned_m if self.phase in STEERING else None,
+            target_ned_m=self.target_ned_m if self.phase in EXPLORES else None,
             heard=self.peers.heard(self.now),
             start=self.frame.start(self.telemetry) if self._knows_its_place else None,
         )

@@ -80,7 +80,7 @@ class Diary:
             return True
         if explorer is None or not agent.neighbours:
             return False
-        return explorer.trails.length(agent.sysid) > self._told.get(agent.sysid, 0)
+        return explorer.trails.length(explorer.trails.own) > self._told.get(explorer.trails.own, 0)
 
     def _has_new_victims(self) -> bool:
         victims = self._agent.victims
@@ -206,7 +206,7 @@ def _remember(agent: Agent, state: Page, pages: Sequence[Page], now: float) -> N
 def _pad(agent: Agent) -> None:
     """Leave room in the own log for what peers have heard and we have lost."""
     explorer = agent.explorer
-    place = explorer.trails.last_m(agent.sysid) if explorer else []
+    place = explorer.trails.last_m(explorer.trails.own) if explorer else []
     if explorer and place:
         for _ in range(PADDING):
             explorer.trails.append(START, place)

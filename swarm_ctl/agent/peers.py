@@ -24,6 +24,8 @@ KEPT_S = 3.0
 """A track whose last fix is older begins anew."""
 LATENCY_S = 0.1
 """From a peer's position to its beacon here, about one tick; a velocity bridges it."""
+STRANGE_S = 5.0
+"""For so long after another mission's beacon nobody of that sysid is ours: it may be two."""
 AGREE_M = 2.0
 """What the radio measures and what a peer tells may differ by so much, level, and mean the same."""
 
@@ -129,6 +131,7 @@ class PeerTable:
         self._peers: dict[int, Peer] = {}
         self._contacts: set[int] = set()
         self._doubted: set[int] = set()
+        self._strange_s: dict[int, float] = {}
 
     def fix(self, fixes: Iterable[PeerFix], own_ned_m: Vec3, own_m_s: Vec3, now: float) -> None:
         """Take what the radio has measured, from where the vehicle was then."""
@@ -148,10 +151,23 @@ class PeerTable:
 
         `shift` leads from the peer's frame into the own one; None when they share nothing.
         """
+        if now - self._strange_s.get(sysid, -math.inf) < STRANGE_S:
+            return
+        self._strange_s.pop(sysid, None)
         peer = self._peers.setdefault(sysid, Peer())
         peer.beacon, peer.beacon_s, peer.shift = beacon, now, shift
         if peer.track is not None:
             peer.track.hear(beacon, now)
+
+    def estrange(self, sysid: int, now: float) -> None:
+        """Note that a vehicle flies another mission: it is measured, but not listened to."""
+        self._strange_s[sysid] = now
+        if (peer := self._peers.get(sysid)) is not None:
+            peer.beacon, peer.beacon_s, peer.shift = None, -math.inf, None
+
+    def is_strange(self, sysid: int) -> bool:
+        """Whether the last that it told was of another mission."""
+        return sysid in self._strange_s
 
     def is_ours(self, sysid: int) -> bool:
         """Whether a peer's beacon of our mission has been heard."""

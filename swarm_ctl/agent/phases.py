@@ -119,7 +119,9 @@ BEFORE_START = frozenset({P.CONNECTING, P.READY})
 """A vehicle's own frame begins where it stands when it is armed; what is told before is in none."""
 ENDED = frozenset({P.DONE, P.FAILED})
 """Nothing leads out of these."""
-STEERING = frozenset({P.EXPLORING, P.AVOIDING, P.HOLDING, P.RETURNING})
+EXPLORES = frozenset({P.EXPLORING, P.AVOIDING})
+"""Avoiding is a part of exploring."""
+STEERING = EXPLORES | {P.HOLDING, P.RETURNING}
 """The controller steers: setpoints stream, and a lost mode means that a pilot took over."""
 STREAMING = STEERING | {P.ARMING, P.TAKEOFF, P.LANDING}
 """The only phases in which a setpoint may leave."""

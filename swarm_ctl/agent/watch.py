@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from swarm_ctl.agent.endurance import Endurance
 from swarm_ctl.agent.failsafe import Health, Verdict, verdict
-from swarm_ctl.agent.phases import STEERING, Cause, Phase
+from swarm_ctl.agent.phases import EXPLORES, STEERING, Cause, Phase
 from swarm_ctl.agent.regain import heard_again, who_has_it
 from swarm_ctl.model import Vec3
 
@@ -30,7 +30,6 @@ RISE_M, RISE_S = 0.1, 6.0
 else its height hangs, and nobody knows how high it is."""
 TIME_OVER = "exploration time is over"
 
-_EXPLORING = frozenset({Phase.EXPLORING, Phase.AVOIDING})
 _AIRBORNE = frozenset({Phase.TAKEOFF, Phase.LANDING, *STEERING})
 
 
@@ -185,7 +184,7 @@ def _watch_peers(agent: Agent) -> None:
 def _health(agent: Agent) -> Health:
     telemetry, now = agent.telemetry, agent.now
     planned_s = agent.plan_s if agent.has_plan_failed else max(agent.plan_s, agent.entered_s)
-    plans = agent.phase in _EXPLORING or agent.has_plan_failed
+    plans = agent.phase in EXPLORES or agent.has_plan_failed
     troubled_s = agent.vigil.troubled_s
     battery = telemetry.battery_fraction
     if battery is not None and agent.phase in STEERING and agent.vigil.endurance.is_due(now):

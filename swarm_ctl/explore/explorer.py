@@ -58,6 +58,7 @@ class Explorer:
         climb_m_s: float,
         seed: Seed,
         sysid: int = 0,
+        birth: int = 0,
     ) -> None:
         if params.kind != "explore":
             raise ValueError(f"a planner of kind {params.kind} has no memory")
@@ -75,7 +76,7 @@ class Explorer:
             is_square=params.footprint_shape == "square",
             dilation=params.wall_dilation_cells,
         )
-        self.trails = Trails(sysid, d)
+        self.trails = Trails(sysid, d, birth)
         self._avoidance = Avoidance(1, params.avoid_distance_m, d)
         window = math.ceil(params.stall_time_s / params.period_s - 1e-9)
         self._stall = StallWatch(1, window, params.stall_distance_m)
@@ -205,7 +206,7 @@ class Explorer:
                 self._paint(news)
         for place in written_off:
             self.write_off(*place)
-        vertex = self.trails.last_m(self.trails.sysid)
+        vertex = self.trails.last_m(self.trails.own)
         if head_m and vertex:
             self.memory.sweep(vertex, head_m)
             self._place, self._vertex, self._since = head_m, vertex, [head_m]
@@ -525,13 +526,21 @@ def make_planner(
     climb_m_s: float,
     seeds: Sequence[Seed],
     sysid: int = 0,
+    birth: int = 0,
 ) -> Planner | Explorer:
     """Build the planner of one vehicle: with a memory for kind `explore`, else without.
 
-    `sysid` names the vehicle in the trails that it shares.
+    `sysid` and `birth` name the vehicle in the trails that it shares.
     """
     if params.kind != "explore":
         return Planner(params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=seeds)
     if len(seeds) != 1:
         raise ValueError(f"an explorer plans for one vehicle, not {len(seeds)}")
-    return Explorer(params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seed=seeds[0], sysid=sysid)
+    return Explorer(
+        params,
+        speed_m_s=speed_m_s,
+        climb_m_s=climb_m_s,
+        seed=seeds[0],
+        sysid=sysid,
+        birth=birth,
+    )

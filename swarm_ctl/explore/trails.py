@@ -2,8 +2,10 @@
 
 Every log is written by one vehicle, in its own frame, and copied by all others; a copy is always a
 prefix. That makes the logs a CRDT: pieces may be lost, doubled or reordered, and whoever has heard
-the same entries knows the same. Rasters are never exchanged: between frames that are not aligned
-to a cell they would grow by half a cell at every hop (ALGORITHM 2.6).
+the same entries knows the same. A vehicle that begins anew, in a frame that begins elsewhere and
+knowing nothing of what it wrote before, begins another log; what others have of the first one stays
+true, and where it was. Rasters are never exchanged: between frames that are not aligned to a cell
+they would grow by half a cell at every hop (ALGORITHM 2.6).
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ SUMMARY_BYTES = 80
 MOST_ENTRIES = 20_000
 """Per origin; 20 minutes of the densest trail. More is somebody's mistake."""
 MOST_ORIGINS = 250
+MOST_BIRTH = 2**20 - 1
 MOST_WAITING = 64
 """Pieces per origin that wait for what comes before them."""
 FAR_M = 327.67
@@ -85,11 +88,19 @@ class _Peer:
     """What this vehicle knows of one that it has heard."""
 
     def __init__(self) -> None:
+        self.origin: int | None = None
+        """The log that it writes; None until it has told."""
         self.heard_s = -math.inf
         self.shift_m: Shift | None = None
-        self.has_told = False
         self.known: dict[int, int] = {}
         self.sent: dict[int, tuple[int, float]] = {}
+
+    def writes(self, origin: int) -> None:
+        """Note whose log it writes: when that is another one, it has begun anew elsewhere."""
+        if self.origin not in {None, origin}:
+            self.shift_m = None
+            self.known, self.sent = {}, {}
+        self.origin = origin
 
     def has(self, origin: int, now: float) -> int:
         """Give how much of a log it has, counting what is on its way."""
@@ -101,15 +112,18 @@ class _Peer:
 class Trails:
     """The logs of all origins that one vehicle knows of, and what its peers know of them."""
 
-    def __init__(self, sysid: int, dimensions: int) -> None:
+    def __init__(self, sysid: int, dimensions: int, birth: int = 0) -> None:
+        """Begin a log; `birth` tells it from those that the same vehicle has begun before."""
         self.sysid = sysid
+        self.own = log_of(sysid, birth)
+        """The own log among all origins."""
         self.malformed = 0
         """Summaries and pieces that were none."""
         self.dropped = 0
         """Pieces of vehicles whose frame was not known yet, or too far ahead to wait."""
         self._dimensions = dimensions
-        self._logs: dict[int, _Log] = {sysid: _Log()}
-        self._logs[sysid].shift_m = (0.0,) * dimensions
+        self._logs: dict[int, _Log] = {self.own: _Log()}
+        self._logs[self.own].shift_m = (0.0,) * dimensions
         self._peers: dict[int, _Peer] = {}
         self._turn = 0
 
@@ -117,7 +131,7 @@ class Trails:
 
     def append(self, kind: int, point_m: Sequence[float]) -> None:
         """Write a line into one's own log; what int16 centimetres cannot say is left out."""
-        own = self._logs[self.sysid]
+        own = self._logs[self.own]
         point = tuple(round(value * 100.0) for value in point_m)
         if len(own.entries) < MOST_ENTRIES and all(abs(value) <= 32767 for value in point):
             own.extend([Entry(kind, point)], ())
@@ -164,8 +178,6 @@ class Trails:
         peer = self._peer(sysid)
         if peer is not None:
             peer.heard_s, peer.shift_m = now, shift_m
-            if sysid in self._logs:
-                self._logs[sysid].shift_m = shift_m
 
     def summary(self) -> bytes:
         """Tell what is known, at most SUMMARY_BYTES: own log first, the others take turns."""
@@ -173,7 +185,7 @@ class Trails:
         origins = list(self._logs)
         others = origins[1:]
         turn = self._turn % len(others) if others else 0
-        for told, origin in enumerate([self.sysid, *others[turn:], *others[:turn]]):
+        for told, origin in enumerate([self.own, *others[turn:], *others[:turn]]):
             pair = _varint(origin) + _varint(len(self._logs[origin].entries))
             if len(packed) + len(pair) > SUMMARY_BYTES:
                 self._turn += told - 1
@@ -187,9 +199,12 @@ class Trails:
         peer = self._peer(sysid)
         if pairs is None:
             self.malformed += 1
-        elif peer is not None:
-            peer.has_told = True
+        elif peer is not None and pairs:
+            peer.writes(pairs[0][0])
             peer.known.update(pairs[:MOST_ORIGINS])
+            log = self._logs.get(pairs[0][0])
+            if log is not None and pairs[0][0] != self.own and peer.shift_m is not None:
+                log.shift_m = peer.shift_m
 
     # -- pieces --------------------------------------------------------------------------------
 
@@ -198,7 +213,7 @@ class Trails:
         near = [
             peer
             for peer in self._peers.values()
-            if peer.has_told and now - peer.heard_s <= CONTACT_S
+            if peer.origin is not None and now - peer.heard_s <= CONTACT_S
         ]
         lacks = []
         for origin, log in self._logs.items():
@@ -232,12 +247,12 @@ class Trails:
         peer.known[piece.origin] = max(
             peer.known.get(piece.origin, 0), piece.begin + len(piece.entries)
         )
-        if piece.origin == self.sysid:
+        if piece.origin == self.own:
             return []
         shift = tuple(
             own + cm / 100.0 for own, cm in zip(peer.shift_m, piece.shift_cm, strict=True)
         )
-        return self._merge(piece, peer.shift_m if piece.origin == sysid else shift)
+        return self._merge(piece, peer.shift_m if piece.origin == peer.origin else shift)
 
     def _merge(self, piece: Piece, shift_m: Shift) -> list[News]:
         log = self._logs.setdefault(piece.origin, _Log())
@@ -261,6 +276,14 @@ class Trails:
         if sysid not in self._peers and len(self._peers) >= MOST_ORIGINS:
             return None
         return self._peers.setdefault(sysid, _Peer())
+
+
+def log_of(sysid: int, birth: int) -> int:
+    """Give the number of the log that a vehicle began at a birth, 0 to MOST_BIRTH.
+
+    At birth 0 it is the sysid, which has 8 bits in MAVLink, and travels in one byte.
+    """
+    return (birth & MOST_BIRTH) << 8 | sysid
 
 
 def encode(origin: int, begin: int, shift_m: Shift, entries: Sequence[Entry]) -> tuple[bytes, int]:

@@ -107,8 +107,7 @@ class RunFolder:
             mode=mode,
             swarm_ctl=swarm_ctl.__version__,
         )
-        epoch_s = EPOCH_S if mode == "virtual" else utc.timestamp()
-        return cls(path, journal, epoch_s=epoch_s, journals=journals)
+        return cls(path, journal, epoch_s=_epoch_s(mode, utc), journals=journals)
 
     @classmethod
     def reopen(
@@ -134,7 +133,7 @@ class RunFolder:
             for sysid, file in files.items()
         }
         journals = open_journals(path / JOURNALS, head, sysids, stories)
-        epoch_s = datetime.fromisoformat(started["started_utc"]).timestamp()
+        epoch_s = _epoch_s(started["mode"], datetime.fromisoformat(started["started_utc"]))
         now = max((story.now(speed) for story in stories.values()), default=0.0)
         events = Journal(path / "events.jsonl", event="RunResumed", time_s=round(now, 3))
         folder = cls(path, events, epoch_s=epoch_s, journals=journals)
@@ -146,6 +145,11 @@ class RunFolder:
     def started_utc(self) -> datetime:
         """When mission time was 0."""
         return datetime.fromtimestamp(self._epoch_s, UTC)
+
+    @property
+    def birth(self) -> int:
+        """Tell this run from others before peers who remember them; 0 in virtual time."""
+        return self.started_utc.microsecond
 
     def now(self, speed: float) -> float:
         """Tell the mission time of a run that goes on, by the clock; 0 of one that begins."""
@@ -225,6 +229,11 @@ class RunFolder:
 
     def _write_paths(self) -> None:
         write_paths(self.path / "paths.json", (self._paths[sysid] for sysid in sorted(self._paths)))
+
+
+def _epoch_s(mode: Mode, utc: datetime) -> float:
+    """Give when mission time was 0: virtual time counts from a fixed date."""
+    return EPOCH_S if mode == "virtual" else utc.timestamp()
 
 
 def _make(path: Path) -> Path:

@@ -49,6 +49,10 @@ class Record(Protocol):
     def resumed_s(self) -> float | None:
         """Mission time at which the run was taken up; None when it was begun."""
 
+    @property
+    def birth(self) -> int:
+        """Tell this run from others before peers who remember them."""
+
     def story(self, sysid: int) -> Story | None:
         """Give what earlier controllers of a vehicle have written; None in a run just begun."""
 
@@ -72,6 +76,7 @@ class Unrecorded:
     """Stand in for a run folder, and leave nothing on the disk."""
 
     resumed_s: float | None = None
+    birth = 0
 
     def __init__(self, *, hashed: bool = False, events: Events | None = None) -> None:
         """Keep the hash of all frames if wanted, and pass facts on to who wants them."""
