@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,10 @@ INDICES = NDArray[np.intp]
 
 REFERENCE_HEIGHT_M = 1.5
 """Where free floor is judged for a flat footprint, under ceilings of 3 m and more."""
+
+
+MOST_POINTS = 256
+"""Looked from at once when a whole track is gone over, which bounds the memory."""
 
 
 class Coverage:
@@ -49,13 +53,13 @@ class Coverage:
     @property
     def fraction(self) -> float:
         """Share of the reachable free cells seen so far."""
-        return float(np.count_nonzero(self._seen) / max(self._free_cells, 1))
+        seen = self._free_cells - np.count_nonzero(self._unseen)
+        return float(seen / max(self._free_cells, 1))
 
     @property
     def seen_s(self) -> NDArray[np.float32]:
         """When each cell was first seen, [level, north, east]; NaN is never."""
-        inner = tuple(slice(self._reach[axis], -self._reach[axis] or None) for axis in range(3))
-        return self._seen_s.reshape(self._shape)[inner]
+        return self._unpadded(self._seen_s)
 
     def cover(self, position_ned_m: FLOATS, airborne: BOOLS, now: float) -> None:
         """Mark what the airborne vehicles have seen on the way since the last call."""
@@ -71,12 +75,39 @@ class Coverage:
         if not moved.any():
             return
         self._last_ned_m[flying[moved]] = position_ned_m[flying[moved]]
-        # Between two looks a vehicle moves further than a small footprint reaches.
+        for points in self._between(came_from[moved], way[moved]):
+            fresh = self._in_sight(points, self._unseen)
+            self._unseen[fresh] = False
+            self._seen_s[fresh] = now
+
+    def seers(self, track_ned_m: FLOATS, airborne: BOOLS) -> INDICES:
+        """Count by how many vehicles each cell was seen, [level, north, east].
+
+        A track has shape (time, vehicle, 3); of it counts where its vehicle was `airborne`.
+        """
+        count = np.zeros(self._free_flat.shape, dtype=np.intp)
+        for way, flies in zip(track_ned_m.transpose(1, 0, 2), airborne.T, strict=True):
+            legs = flies[:-1] & flies[1:]
+            points = self._between(way[:-1][legs], np.diff(way, axis=0)[legs]).reshape(-1, 3)
+            seen = np.zeros(count.shape, dtype=bool)
+            for begin in range(0, len(points), MOST_POINTS):
+                some = points[begin : begin + MOST_POINTS]
+                seen[self._in_sight(some, self._free_flat)] = True
+            count += seen
+        return self._unpadded(count)
+
+    def _between(self, start_ned_m: FLOATS, way_ned_m: FLOATS) -> FLOATS:
+        """Part ways so that no footprint is left out, [part, way]: some are smaller than a way."""
         stride = max(0.5 * self._cell_m, 0.25 * self._radius_m)
-        steps = max(1, math.ceil(float(far[moved].max()) / stride))
+        far = np.sqrt(np.einsum("ij,ij->i", way_ned_m, way_ned_m))
+        steps = max(1, math.ceil(float(far.max(initial=0.0)) / stride))
         parts = np.arange(1, steps + 1)[:, None, None] / steps
-        for points in came_from[moved] + parts * way[moved]:
-            self._look(points, now)
+        return np.asarray(start_ned_m + parts * way_ned_m)
+
+    def _unpadded(self, flat: NDArray[Any]) -> NDArray[Any]:
+        """Give the volume that a padded and flattened one holds."""
+        inner = tuple(slice(self._reach[axis], -self._reach[axis] or None) for axis in range(3))
+        return flat.reshape(self._shape)[inner]
 
     def _lay_out(self) -> None:
         """Flatten padded volumes, so that looking around is adding offsets to one index."""
@@ -88,7 +119,8 @@ class Coverage:
         )
         self._free_flat = np.pad(self.free, pad).ravel()
         self._free_cells = int(np.count_nonzero(self.free))
-        self._seen = np.zeros(self._free_flat.shape, dtype=bool)
+        self._unseen = self._free_flat.copy()
+        """Free, and seen by nobody yet."""
         self._seen_s = np.full(self._free_flat.shape, np.nan, dtype=np.float32)
         self._strides = np.array([self._shape[1] * self._shape[2], self._shape[2], 1])
         cube = itertools.product(*(range(-r, r + 1) for r in self._reach))
@@ -129,7 +161,7 @@ class Coverage:
             if at[axis] != end[axis]:
                 lower = list(at)
                 lower[axis] = min(at[axis], end[axis])
-                steps.append(axis * self._seen.size + int(np.dot(lower, self._strides)))
+                steps.append(axis * self._unseen.size + int(np.dot(lower, self._strides)))
                 at[axis] = end[axis]
         return steps
 
@@ -154,8 +186,8 @@ class Coverage:
                 opened[axis][inner] = seen
         return opened.ravel()
 
-    def _look(self, points_ned_m: FLOATS, now: float) -> None:
-        """Mark the cells whose centres lie in the footprints around (n, 3) points."""
+    def _in_sight(self, points_ned_m: FLOATS, wanted: BOOLS) -> INDICES:
+        """Find the `wanted` cells whose centres lie in the footprints around (n, 3) points."""
         place = np.empty_like(points_ned_m)
         place[:, 0] = -points_ned_m[:, 2] / self._cell_m if self._footprint == "sphere" else 0.5
         place[:, 1:] = (points_ned_m[:, :2] - self.origin_ne_m) / self._cell_m
@@ -165,12 +197,10 @@ class Coverage:
             place, cell = place[inside], cell[inside]
         base = (cell + self._reach) @ self._strides
         target = self._flat_offsets[:, None] + base
-        within = self._within(cell + 0.5 - place) & self._free_flat[target] & ~self._seen[target]
+        within = self._within(cell + 0.5 - place) & wanted[target]
         if self._line_of_sight:
             within &= self._visible(base)
-        fresh = target[within]
-        self._seen[fresh] = True
-        self._seen_s[fresh] = now
+        return np.asarray(target[within])
 
     def _within(self, rest: FLOATS) -> BOOLS:
         """Tell which offsets (m) lie in the footprint of each vehicle (n), (m, n)."""

@@ -81,7 +81,8 @@ class Referee:
         self._now = 0.0
         self._ticks = 0
         self._curve: list[tuple[float, float]] = []
-        self._track: list[tuple[float, FLOATS]] = []
+        self._track: list[tuple[float, FLOATS, BOOLS]] = []
+        """Time, where everybody was, who was airborne."""
         self._links: list[NDArray[np.uint8]] = []
         """At each time of the curve: which pairs hear each other, packed as bits."""
         self._pair_of = np.triu_indices(n, 1)
@@ -133,7 +134,7 @@ class Referee:
             self.coverage.cover(position_ned_m, airborne, now)
         self._ticks += 1
         if not self._track or now >= self._track[-1][0] + TRACK_S - 1e-6:
-            self._track.append((now, position_ned_m.astype(np.float32)))
+            self._track.append((now, position_ned_m.astype(np.float32), airborne))
         if not self._curve or now >= self._curve[-1][0] + CURVE_S - 1e-6:
             self._curve.append((now, self.coverage.fraction))
             first, second = self._pair_of
@@ -173,6 +174,7 @@ class Referee:
             "wall_collisions": self._walls.count,
             "pair_collisions": self._pair_collisions,
             "setpoint_jitter_p99_ms": self.setpoint_jitter_p99_ms(),
+            **self._redundancy(),
             "coverage_curve": [list(point) for point in self._curve],
             "victims": [
                 {
@@ -219,14 +221,29 @@ class Referee:
                 self.victim_found_by[victim] = self._vehicles[vehicle].sysid
                 self.victim_found_s[victim] = now
 
+    def _track_ned_m(self) -> FLOATS:
+        return np.array([at for _, at, _ in self._track]).reshape(-1, len(self._vehicles), 3)
+
+    def _redundancy(self) -> dict[str, float | None]:
+        """Tell how much was seen by several vehicles that one would have been enough for."""
+        airborne = np.array([flies for _, _, flies in self._track], dtype=bool)
+        seers = self.coverage.seers(self._track_ned_m(), airborne.reshape(-1, len(self._vehicles)))
+        seers = seers[seers > 0]
+        if not len(seers):
+            return {"redundant_fraction": None, "vehicles_per_cell": None}
+        return {
+            "redundant_fraction": round(float((seers > 1).mean()), 5),
+            "vehicles_per_cell": round(float(seers.mean()), 4),
+        }
+
     def _arrays(self) -> dict[str, Any]:
-        n, grid = len(self._vehicles), self.coverage
+        grid = self.coverage
         seen = ~np.isnan(grid.seen_s)
         columns = grid.free.sum(axis=0)
         victims = [victim.position_ned_m for victim in self._world.victims]
         return {
-            "track_time_s": np.array([time for time, _ in self._track]),
-            "track_ned_m": np.array([at for _, at in self._track]).reshape(-1, n, 3),
+            "track_time_s": np.array([time for time, _, _ in self._track]),
+            "track_ned_m": self._track_ned_m(),
             "coverage_time_s": np.array([time for time, _ in self._curve]),
             "coverage_fraction": np.array([fraction for _, fraction in self._curve]),
             "links": np.array(self._links, dtype=np.uint8),

@@ -18,6 +18,7 @@ from swarm_ctl.mission import Mission
 from swarm_ctl.record.folder import Mode, RunFolder
 from swarm_ctl.record.own_paths import draw_own_paths
 from swarm_ctl.record.plots import draw_pictures
+from swarm_ctl.record.spread import read_contacts
 from swarm_ctl.record.summary import summarise, write_summary
 from swarm_ctl.record.unrecorded import Record
 from swarm_ctl.signing import timestamp_of
@@ -145,6 +146,9 @@ def finish(
     resolved, is_real = mission.dump(), mode == "fly"
     if is_real:
         resolved |= {"world": None, **_flown_by(controllers)}
+    contacts = read_contacts(folder.path)
+    if contacts is not None:
+        contacts.write(folder.path / "contacts.json")
     summary = summarise(
         folder.path,
         mission=resolved,
@@ -155,6 +159,7 @@ def finish(
         results=[controller.result() for controller in controllers],
         run_sha256=folder.hash.hexdigest(),
         notes=notes,
+        contacts=contacts,
     )
     if is_real:
         victims = {one.agent.sysid: one.agent.victims.seen for one in controllers}

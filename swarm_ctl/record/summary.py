@@ -16,6 +16,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from swarm_ctl.record.contacts import CONTACT_FIGURES
+from swarm_ctl.record.spread import SPREAD_FIGURES, Contacts
 from swarm_ctl.record.truth import Truth, read_truth
 
 Outcome = Literal["flown", "interrupted", "failed"]
@@ -28,6 +30,8 @@ _TOTALS = (
     "path_length_m",
     "energy_kwh",
     "setpoint_jitter_p99_ms",
+    "redundant_fraction",
+    "vehicles_per_cell",
 )
 
 
@@ -66,6 +70,7 @@ def summarise(
     results: Sequence[VehicleResult],
     run_sha256: str,
     notes: Sequence[str] = (),
+    contacts: Contacts | None = None,
 ) -> dict[str, Any]:
     """Join what the controllers report with what the referee wrote to `truth/`; JSON values.
 
@@ -93,6 +98,7 @@ def summarise(
         "coverage_fraction": _coverage_at(truth, until_s, otherwise=final),
         "coverage_final_fraction": _coverage_at(truth, math.inf, otherwise=final),
         **{key: truth.numbers.get(key) for key in _TOTALS},
+        **(contacts.figures if contacts else dict.fromkeys((*CONTACT_FIGURES, *SPREAD_FIGURES))),
         "messages_sent": sum(one.messages_sent for one in results),
         "messages_received": sum(one.messages_received for one in results),
         "messages_lost": sum(one.messages_lost for one in results),
@@ -243,15 +249,19 @@ def _headline(summary: Mapping[str, Any]) -> Text:
 
 
 def _rows(summary: Mapping[str, Any]) -> list[tuple[str, RenderableType]]:
-    rows: list[tuple[str, RenderableType]] = [
+    rows: list[tuple[str, RenderableType | None]] = [
         ("explored", _explored(summary)),
         ("victims", _victims(summary)),
         ("contacts", _contacts(summary)),
+        ("radio", _radio(summary)),
+        ("news", _news(summary)),
+        ("overlap", _overlap(summary)),
         ("flown", _flown(summary)),
         ("messages", _messages(summary)),
         ("time", _time(summary)),
     ]
-    return [row for row in rows if summary["mode"] != "fly" or row[0] not in _REFEREES]
+    is_real = summary["mode"] == "fly"
+    return [(name, row) for name, row in rows if row and not (is_real and name in _REFEREES)]
 
 
 _REFEREES = {"explored", "contacts"}
@@ -292,6 +302,46 @@ def _contacts(summary: Mapping[str, Any]) -> Text:
     return text
 
 
+def _radio(summary: Mapping[str, Any]) -> Text | None:
+    """Say how well the swarm held together; a vehicle alone has nobody to talk to."""
+    together, splits = summary["together_fraction"], summary["splits"]
+    if together is None:
+        return None
+    if together == 1.0:
+        return Text("all in contact all the time", style="green")
+    text = Text(f"all in contact {together:.0%} of the time")
+    text.append(f"; fell apart {_times(splits)}, rejoined {_times(summary['rejoins'])}")
+    if alone_s := summary["alone_longest_s"]:
+        text.append(f"; one vehicle was alone for {alone_s:.0f} s in all", style="dim")
+    return text
+
+
+def _news(summary: Mapping[str, Any]) -> Text | None:
+    """Say how fast those in contact came to know of a victim."""
+    longest_s, untold = summary["victim_told_max_s"], summary["victim_peers_untold"]
+    if untold is None:
+        return None
+    text = Text()
+    if longest_s is not None:
+        text.append("all in contact knew of a victim ")
+        text.append(f"{summary['victim_told_median_s']:.1f} s after it was found")
+        text.append(f", at the latest {longest_s:.1f} s", style="dim")
+    if untold:
+        text.append("; " if text else "").append(f"{untold} never heard", style="yellow")
+    return text
+
+
+def _overlap(summary: Mapping[str, Any]) -> Text | None:
+    """Say how much was seen by more vehicles than it takes."""
+    share = summary["redundant_fraction"]
+    if share is None or summary["vehicles"] < 2:
+        return None
+    return Text(
+        f"{share:.0%} of what was seen was seen by several; "
+        f"{summary['vehicles_per_cell']:.1f} vehicles a place on average"
+    )
+
+
 def _flown(summary: Mapping[str, Any]) -> Text:
     length, energy = summary["path_length_m"], summary["energy_kwh"]
     parts = [f"{length:,.0f} m in all"] if length is not None else []
@@ -313,6 +363,10 @@ def _time(summary: Mapping[str, Any]) -> Text:
     if wall_s > 0.0:
         text.append(f" ({mission_s / wall_s:.1f} times real time)", style="dim")
     return text
+
+
+def _times(number: int) -> str:
+    return {0: "never", 1: "once", 2: "twice"}.get(number, f"{number} times")
 
 
 def _count(number: int, word: str) -> str:

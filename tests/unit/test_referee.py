@@ -64,6 +64,20 @@ def test_cells_remember_when_they_were_first_seen(tmp_path: Path) -> None:
     assert np.nanmax(seen_s) < 5.5
 
 
+def test_ground_that_two_have_seen_is_counted_twice(tmp_path: Path) -> None:
+    hall = world(tmp_path, "footprint: square, radius_m: 0.5, cell_m: 0.1")
+    ground = Coverage(hall, hall.starts(1, 1)[0])
+    east = np.linspace(2.0, 12.0, 21)
+    track = np.full((21, 3, 3), (5.0, 0.0, -1.5))
+    track[:, 0, 1], track[:, 1, 1] = east, np.minimum(east, 7.0)
+    airborne = np.array([[True, True, False]] * 21)  # the third stands in the first one's way
+    seers = ground.seers(track, airborne)
+    assert seers.max() == 2
+    assert (seers > 0).sum() * 0.01 == pytest.approx(11.0, abs=0.6)
+    assert (seers > 1).sum() * 0.01 == pytest.approx(6.0, abs=0.6)
+    assert ground.fraction == 0.0, "looking back changes nothing"
+
+
 def test_who_stands_on_the_ground_covers_nothing(tmp_path: Path) -> None:
     hall = world(tmp_path, "radius_m: 1.0")
     ground = Coverage(hall, hall.starts(1, 1)[0])
