@@ -365,14 +365,7 @@ class Agent:
         if self.is_ended or self.phase in BEFORE_START:
             return
         meeting = next((met for met in self.peers.met(now) if met.sysid == sysid), None)
-        for number, finder, place in self.victims.hear(sysid, payload, meeting):
-            self.note(
-                "VictimHeard",
-                victim=number,
-                finder=finder,
-                told_by=sysid,
-                position_ned_m=_rounded(place),
-            )
+        self.victims.hear(sysid, payload, meeting)
 
     def _digest(self) -> None:
         """Turn what was heard since the last tick into state and facts."""
@@ -381,10 +374,8 @@ class Agent:
             place, velocity = telemetry.position_ned_m, telemetry.velocity_ned_m_s
             self.peers.fix(telemetry.peer_fixes, place, velocity, self.now)
             telemetry.peer_fixes.clear()
-        for number, place in telemetry.victim_fixes:
-            if self.victims.see(number, place):
-                self.note("VictimFound", victim=number, position_ned_m=_rounded(place))
-        telemetry.victim_fixes.clear()
+        if telemetry.victim_fixes or self.victims.news:
+            self._report_victims()
         for text in telemetry.texts:
             self.note("StatusText", text=text.words, severity=text.severity)
         telemetry.texts.clear()
@@ -401,6 +392,17 @@ class Agent:
             self.trail.mark(telemetry.position_ned_m)
             if self._sharing is not None:
                 self._sharing.meet(self.peers, self.now)
+
+    def _report_victims(self) -> None:
+        """Tell of each victim once: seen before anybody told, or told."""
+        for told_by, (number, finder, place) in self.victims.news:
+            where = {"told_by": told_by, "position_ned_m": _rounded(place)}
+            self.note("VictimHeard", victim=number, finder=finder, **where)
+        self.victims.news.clear()
+        for number, place in self.telemetry.victim_fixes:
+            if self.victims.see(number, place):
+                self.note("VictimFound", victim=number, position_ned_m=_rounded(place))
+        self.telemetry.victim_fixes.clear()
 
     def _look_around(self, sharing: Sharing, peers_m: Sequence[Vec3]) -> None:
         """Show the explorer what the scanner saw since the last plan."""

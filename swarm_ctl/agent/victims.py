@@ -54,6 +54,8 @@ class Victims:
         """By its own sensor, where it saw each first, in its own frame."""
         self.known: dict[int, Report] = {}
         """Seen or told, in the order in which this vehicle came to know."""
+        self.news: list[tuple[int, Report]] = []
+        """What was told since somebody last cleared it, and by whom."""
         self.unread = 0
         """Payloads of another build of this program, or broken."""
         self._sysid = sysid
@@ -75,25 +77,25 @@ class Victims:
         self._learn(Report(number, finder, position_ned_m))
         return told is None
 
-    def hear(self, sysid: int, payload: bytes, meeting: Meeting | None) -> list[Report]:
-        """Take what a peer tells; give what is new, in the own frame.
+    def hear(self, sysid: int, payload: bytes, meeting: Meeting | None) -> None:
+        """Take what a peer tells; what is new is `news`, in the own frame.
 
         Nothing is new without a `meeting`, which leads from the peer's frame into the own one.
         """
         message = decode(payload)
         if message is None:
             self.unread += 1
-            return []
+            return
         self._peers[sysid], reports = message
         if meeting is None or meeting.beacon.phase in BEFORE_START:
-            return []
-        here, there, news = meeting.here_ned_m, meeting.there_ned_m, []
+            return
+        here, there = meeting.here_ned_m, meeting.there_ned_m
         for number, finder, told in reports:
             if number not in self.known:
                 own = (p + h - t for p, h, t in zip(told, here, there, strict=True))
-                news.append(Report(number, finder, Vec3(*own)))
-                self._learn(news[-1])
-        return news
+                report = Report(number, finder, Vec3(*own))
+                self.news.append((sysid, report))
+                self._learn(report)
 
     def outgoing(self, contacts: Iterable[int], now: float) -> bytes:
         """Give the payload to broadcast now to the peers in contact; empty when none is due.

@@ -85,12 +85,7 @@ def contact_graph(entries: Sequence[Entry], truth: Truth) -> ContactGraph | None
     sysids, times_s, heard = sampled
     flying = _flying(entries, sysids, times_s)
     linked = heard & heard.transpose(0, 2, 1) & flying[:, :, None] & flying[:, None, :]
-    groups = np.concatenate(
-        [_groups(linked[at : at + _AT_ONCE]) for at in range(0, len(times_s), _AT_ONCE)]
-        or [np.empty((0, len(sysids)), dtype=np.int16)]
-    )
-    groups[~flying] = -1
-    return ContactGraph(sysids, times_s, linked, flying, groups)
+    return ContactGraph(sysids, times_s, linked, flying, groups_of(linked, flying))
 
 
 def changes(graph: ContactGraph) -> list[Change]:
@@ -218,6 +213,15 @@ def _flying(entries: Iterable[Entry], sysids: Sequence[int], times_s: FLOATS) ->
             since = int(np.searchsorted(times_s, entry["time_s"]))
             flying[since:, index[entry["sysid"]]] = entry["data"]["after"] not in _AWAY
     return flying
+
+
+def groups_of(linked: BOOLS, flying: BOOLS) -> LABELS:
+    """Give each vehicle the lowest index that it reaches, (s, n); -1 to who does not fly."""
+    groups = np.empty(flying.shape, dtype=np.int16)
+    for at in range(0, len(linked), _AT_ONCE):
+        groups[at : at + _AT_ONCE] = _groups(linked[at : at + _AT_ONCE])
+    groups[~flying] = -1
+    return groups
 
 
 def _groups(linked: BOOLS) -> LABELS:

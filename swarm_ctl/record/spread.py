@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,17 +14,22 @@ import numpy as np
 
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.record.contacts import (
-    BOOLS,
+    FLOATS,
+    LABELS,
     ContactGraph,
     Entry,
     contact_details,
     contact_figures,
     contact_graph,
+    groups_of,
 )
 from swarm_ctl.record.journal import read_journal
 from swarm_ctl.record.truth import read_truth
 
-SPREAD_FIGURES = ("victim_told_median_s", "victim_told_max_s", "victim_peers_untold")
+SPREAD_FIGURES = (
+    "victim_told_median_s", "victim_told_max_s", "victim_lag_median_s", "victim_lag_max_s",
+    "victim_all_max_s", "victim_untold",
+)  # fmt: skip
 """Keys of the summary that `spread_figures` gives."""
 
 
@@ -62,10 +68,14 @@ def spread(graph: ContactGraph, entries: Sequence[Entry]) -> list[dict[str, Any]
     """Tell for every victim who found it first and how its news went round; JSON values.
 
     `connected` are the vehicles in the finder's group when it was found, and `connected_s` the
-    time until the last of them knew, None if one never did or there are none. `reachable` are
-    those that news could have come to over all later contacts. `all_s` is the time until
-    everybody who flew knew.
+    time until the last of them knew, None if one never did or there are none. `reachable` are all
+    to whom a chain of contacts led, then or later, and `lags_s` how much later than the last of
+    these contacts each one knew. `all_s` is the time until everybody who flew knew. Contacts
+    that lasted for one sample only count for nothing.
     """
+    lasting = graph.linked.copy()
+    lasting[:-1] &= graph.linked[1:]
+    groups = groups_of(lasting, graph.flying)
     knew_s: dict[int, dict[int, float]] = {}
     finders: dict[int, tuple[float, int]] = {}
     for entry in entries:
@@ -75,30 +85,42 @@ def spread(graph: ContactGraph, entries: Sequence[Entry]) -> list[dict[str, Any]
             if entry["event"] == "VictimFound":
                 finders[victim] = min(finders.get(victim, at), at)
     return [
-        _news(graph, victim, found_s, finder, knew_s[victim])
+        _news(graph, groups, victim, found_s, finder, knew_s[victim])
         for victim, (found_s, finder) in sorted(finders.items())
     ]
 
 
 def spread_figures(news: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Give the figures of a summary: over the victims whose finder had company."""
+    """Give the figures of a summary; None where no victim was found in company, or at all."""
     told_s = [one["connected_s"] for one in news if one["connected_s"] is not None]
-    untold = sum(len(set(one["connected"]) - one["knew_after_s"].keys()) for one in news)
-    values = (round(median(told_s), 2), max(told_s)) if told_s else (None, None)
-    has_company = any(one["connected"] for one in news)
-    return dict(zip(SPREAD_FIGURES, (*values, untold if has_company else None), strict=True))
+    lags_s = [lag_s for one in news for lag_s in one["lags_s"].values()]
+    all_s = [one["all_s"] for one in news]
+    values = (
+        *((median(told_s), max(told_s)) if told_s else (None, None)),
+        *((median(lags_s), max(lags_s)) if lags_s else (None, None)),
+        max(all_s) if all_s and None not in all_s else None,
+        sum(len(one["reachable"]) - len(one["lags_s"]) for one in news) if news else None,
+    )
+    rounded = (value if value is None else round(value, 3) for value in values)
+    return dict(zip(SPREAD_FIGURES, rounded, strict=True))
 
 
 def _news(
-    graph: ContactGraph, victim: int, found_s: float, finder: int, knew_s: dict[int, float]
+    graph: ContactGraph,
+    groups: LABELS,
+    victim: int,
+    found_s: float,
+    finder: int,
+    knew_s: dict[int, float],
 ) -> dict[str, Any]:
     sysids = np.array(graph.sysids)
     at = max(int(np.searchsorted(graph.times_s, found_s, side="right")) - 1, 0)
     source = graph.sysids.index(finder)
     others = np.arange(len(sysids)) != source
-    together = (graph.groups[at] == graph.groups[at, source]) & graph.flying[at]
+    together = (groups[at] == groups[at, source]) & graph.flying[at]
     connected = sysids[together & others].tolist()
-    reachable = sysids[_reached(graph, at, source) & others].tolist()
+    reached_s = np.maximum(_reached_s(graph.times_s[at:], groups[at:], source), found_s)
+    reachable = sysids[np.isfinite(reached_s) & others].tolist()
     flew = sysids[graph.flying.any(axis=0)].tolist()
     after_s = {sysid: round(max(0.0, time_s - found_s), 3) for sysid, time_s in knew_s.items()}
     return {
@@ -108,7 +130,11 @@ def _news(
         "connected": connected,
         "connected_s": _until_all(after_s, connected),
         "reachable": reachable,
-        "reachable_s": _until_all(after_s, reachable),
+        "lags_s": {
+            sysid: round(max(0.0, knew_s[sysid] - float(reached)), 3)
+            for sysid, reached in zip(graph.sysids, reached_s, strict=True)
+            if sysid in reachable and sysid in knew_s
+        },
         "all_s": _until_all(after_s, flew),
         "knew_after_s": after_s,
     }
@@ -121,9 +147,10 @@ def _until_all(after_s: dict[int, float], sysids: Sequence[int]) -> float | None
     return max(after_s[sysid] for sysid in sysids)
 
 
-def _reached(graph: ContactGraph, begin: int, source: int) -> BOOLS:
-    """Tell to whom news could have come since a sample, over contacts one after the other."""
-    reached: BOOLS = np.arange(len(graph.sysids)) == source
-    for groups in graph.groups[begin:]:
-        reached |= np.isin(groups, groups[reached & (groups >= 0)])
-    return reached
+def _reached_s(times_s: FLOATS, groups: LABELS, source: int) -> FLOATS:
+    """Tell when news could have come to each, over contacts one after the other; inf is never."""
+    reached_s = np.where(np.arange(groups.shape[1]) == source, -math.inf, math.inf)
+    for time_s, group in zip(times_s, groups, strict=True):
+        is_told = np.isin(group, group[(reached_s < math.inf) & (group >= 0)])
+        reached_s[is_told & (reached_s == math.inf)] = time_s
+    return reached_s

@@ -317,17 +317,18 @@ def _radio(summary: Mapping[str, Any]) -> Text | None:
 
 
 def _news(summary: Mapping[str, Any]) -> Text | None:
-    """Say how fast those in contact came to know of a victim."""
-    longest_s, untold = summary["victim_told_max_s"], summary["victim_peers_untold"]
-    if untold is None:
+    """Say how fast those in contact, then or later, came to know of victims."""
+    lag_s, all_s = summary["victim_lag_median_s"], summary["victim_all_max_s"]
+    untold = summary["victim_untold"]
+    if lag_s is None and not untold:
         return None
-    text = Text()
-    if longest_s is not None:
-        text.append("all in contact knew of a victim ")
-        text.append(f"{summary['victim_told_median_s']:.1f} s after it was found")
-        text.append(f", at the latest {longest_s:.1f} s", style="dim")
+    text = Text("victims told to peers")
+    if lag_s is not None:
+        text.append(f" {lag_s:.1f} s after contact, {summary['victim_lag_max_s']:.1f} s at most")
+    if all_s is not None:
+        text.append(f"; all knew of each within {all_s:.0f} s")
     if untold:
-        text.append("; " if text else "").append(f"{untold} never heard", style="yellow")
+        text.append(f"; {untold} times one in contact never heard", style="yellow")
     return text
 
 

@@ -3,7 +3,9 @@ from collections.abc import Callable
 from flight_log import Flight
 
 from swarm_ctl.agent.phases import Phase
+from swarm_ctl.record.contacts import changes, contact_figures
 from swarm_ctl.record.journal import read_journal
+from swarm_ctl.record.spread import read_contacts
 
 Launch = Callable[..., Flight]
 Told = dict[tuple[int, int], list[str]]
@@ -65,3 +67,20 @@ def test_who_was_out_of_reach_is_told_when_it_is_back(launch: Launch) -> None:
     assert not lonely.seen
     (report,) = lonely.known.values()
     assert report.finder in {1, 2}
+
+
+def test_the_record_tells_when_the_swarm_was_parted(launch: Launch) -> None:
+    parted = {"from_s": 20.0, "until_s": 35.0, "groups": [[1, 2]]}
+    flight = launch(vehicles=4, world={"radio": {"radius_m": 30.0, "partitions": [parted]}})
+    flight.fly_to_the_end()
+    flight.arena.write_truth(flight.folder.path)
+    contacts = read_contacts(flight.folder.path)
+    assert contacts is not None
+    split, rejoining = changes(contacts.graph)
+    assert split.is_split
+    assert split.parts == rejoining.parts == ((1, 2), (3, 4))
+    assert 20.0 <= split.time_s <= 21.1
+    assert 35.0 <= rejoining.time_s <= 36.1
+    figures = contact_figures(contacts.graph)
+    assert (figures["splits"], figures["rejoins"], figures["alone_longest_s"]) == (1, 1, 0.0)
+    assert figures["encounters"] == 6 + 4, "four pairs met again"

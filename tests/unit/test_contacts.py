@@ -102,29 +102,34 @@ def test_news_goes_to_all_who_were_connected_and_later_to_those_who_came_back(
     assert (first["found_by"], first["connected"], first["connected_s"]) == (1, [2, 3, 4], 0.5)
     assert (second["connected"], second["connected_s"]) == ([2], 0.3)
     assert (second["reachable"], second["all_s"]) == ([2, 3, 4], 8.8)
+    assert second["lags_s"] == pytest.approx({2: 0.3, 3: 0.4, 4: 0.8}), "3 and 4 since they met 2"
     assert spread_figures([first, second]) == {
         "victim_told_median_s": 0.4,
         "victim_told_max_s": 0.5,
-        "victim_peers_untold": 0,
+        "victim_lag_median_s": 0.4,
+        "victim_lag_max_s": 0.8,
+        "victim_all_max_s": 8.8,
+        "victim_untold": 0,
     }
 
 
 def test_who_was_connected_and_never_heard_is_counted(parted: ContactGraph) -> None:
     news = spread(parted, SEEN[:3])
     assert news[0]["connected_s"] is None
-    assert spread_figures(news) == {
-        "victim_told_median_s": None,
-        "victim_told_max_s": None,
-        "victim_peers_untold": 1,
-    }
+    figures = spread_figures(news)
+    assert figures["victim_untold"] == 1
+    assert figures["victim_told_max_s"] is figures["victim_all_max_s"] is None
+    assert figures["victim_lag_max_s"] == 0.4
 
 
 def test_news_travels_by_a_chain_of_meetings_but_never_back_in_time() -> None:
-    graph = graph_of(sampled([(3, 4)], [(1, 2)], [], [(2, 3)], []), FLOWN)
+    seconds = [[(3, 4)], [(3, 4)], [(1, 2)], [(1, 2)], [], [(2, 3)], [(2, 3)], [(1, 4)], []]
+    graph = graph_of(sampled(*seconds), FLOWN)
     (news,) = spread(graph, [victim("VictimFound", 0.5, 1, 0)])
     assert news["connected"] == []
-    assert news["reachable"] == [2, 3], "3 and 4 had met before"
-    assert spread_figures([news])["victim_peers_untold"] is None, "there was nobody to tell"
+    assert news["reachable"] == [2, 3], "4 had met 3 before, and met 1 too shortly"
+    assert spread_figures([news])["victim_untold"] == 2, "nobody told them"
+    assert set(spread_figures([]).values()) == {None}
 
 
 def test_a_finder_counts_once_however_many_saw_it_themselves(parted: ContactGraph) -> None:

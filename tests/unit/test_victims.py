@@ -31,10 +31,15 @@ def tell(now: float, teller: int, hearers: dict[int, Victims], swarm: dict[int, 
     """Let one vehicle tell the hearers, who come to know so many victims."""
     payload = swarm[teller].outgoing(hearers, now)
     return sum(
-        len(hearer.hear(teller, payload, meets(sysid, teller)))
-        for sysid, hearer in hearers.items()
-        if payload
+        hear(hearer, payload, meets(sysid, teller)) for sysid, hearer in hearers.items() if payload
     )
+
+
+def hear(hearer: Victims, payload: bytes, meeting: Meeting | None) -> int:
+    """Let one vehicle hear another; give how many victims are new to it."""
+    before = len(hearer.news)
+    hearer.hear(1 if meeting is None else meeting.sysid, payload, meeting)
+    return len(hearer.news) - before
 
 
 def swarm_of(count: int) -> dict[int, Victims]:
@@ -109,7 +114,7 @@ def test_many_victims_are_told_in_turns_also_beside_a_peer_who_never_answers() -
     for tick in range(256 // PER_PAYLOAD + 1):
         payload = swarm[1].outgoing([2, 3], tick * AGAIN_S)
         assert len(payload) <= 128
-        news += len(swarm[2].hear(1, payload, meets(2, 1)))
+        news += hear(swarm[2], payload, meets(2, 1))
     assert news == len(swarm[2].known) == 256
 
 
@@ -117,10 +122,10 @@ def test_without_a_way_between_the_frames_nothing_is_taken() -> None:
     swarm = swarm_of(2)
     swarm[1].see(7, PLACE)
     payload = swarm[1].outgoing([2], 1.0)
-    assert not swarm[2].hear(1, payload, None)
-    assert not swarm[2].hear(1, payload, meets(2, 1, Phase.READY)), "it has not begun its frame"
-    assert swarm[2].hear(1, payload, meets(2, 1))
-    assert not swarm[2].hear(1, payload, meets(2, 1)), "doubled"
+    assert not hear(swarm[2], payload, None)
+    assert not hear(swarm[2], payload, meets(2, 1, Phase.READY)), "it has not begun its frame"
+    assert hear(swarm[2], payload, meets(2, 1))
+    assert not hear(swarm[2], payload, meets(2, 1)), "doubled"
 
 
 def test_a_payload_comes_back_as_it_was() -> None:
@@ -131,8 +136,8 @@ def test_a_payload_comes_back_as_it_was() -> None:
 @given(st.binary(max_size=128))
 def test_any_payload_is_read_or_counted(payload: bytes) -> None:
     vehicle = Victims(1)
-    news = vehicle.hear(2, payload, meets(1, 2))
-    assert len(vehicle.known) == len(news)
+    news = hear(vehicle, payload, meets(1, 2))
+    assert len(vehicle.known) == news
     assert vehicle.unread in {0, 1}
     assert not (vehicle.unread and news)
 
