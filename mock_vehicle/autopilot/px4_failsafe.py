@@ -153,6 +153,8 @@ class Failsafe:
         if px4.flying and not px4.has_position(now):
             wanted = max(wanted, Action.LAND)
         present = dict(self._causes(px4, now))
+        if not present and not self._since:
+            return wanted
         self._since = {cause: self._since.get(cause, now) for cause in present}
         self._overridden &= present.keys()
         for cause in present.keys() - self._overridden:

@@ -13,27 +13,16 @@ FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 0x200, 0x400, 0x800
 
 def _groups(values: Any) -> Setpoint:
     """Take what is not ignored, axis by axis."""
-    mask = values.type_mask
-    given = (
-        values.x,
-        values.y,
-        values.z,
-        values.vx,
-        values.vy,
-        values.vz,
-        values.afx,
-        values.afy,
-        values.afz,
-    )
-    x, y, z, vx, vy, vz, ax, ay, az = (
+    _, _, _, _, mask, *given, yaw_rad, yaw_rate_rad_s = values
+    x, y, z, vx, vy, vz, ax, ay, az = [
         NAN if mask >> bit & 1 else value for bit, value in enumerate(given)
-    )
+    ]
     return Setpoint(
         (x, y, z),
         (vx, vy, vz),
         (ax, ay, az),
-        NAN if mask & YAW_BIT or not math.isfinite(values.yaw) else values.yaw,
-        NAN if mask & YAW_RATE_BIT or not math.isfinite(values.yaw_rate) else values.yaw_rate,
+        NAN if mask & YAW_BIT or not math.isfinite(yaw_rad) else yaw_rad,
+        NAN if mask & YAW_RATE_BIT or not math.isfinite(yaw_rate_rad_s) else yaw_rate_rad_s,
     )
 
 

@@ -170,11 +170,12 @@ class Agent:
 
     def receive(self, data: bytes, now: float) -> None:
         """Take a datagram from the vehicle's link; never raises on what is in it."""
+        own, telemetry, gate = self.sysid, self.telemetry, self.sender.gate
         for frame in self.parser.feed(data):
-            if self.sender.gate.refusal(frame):
+            if gate.refusal(frame):
                 continue
-            if frame.sysid == self.sysid:
-                self.telemetry.receive(frame, now)
+            if frame.sysid == own:
+                telemetry.receive(frame, now)
             elif frame.id == _TUNNEL_ID:
                 self._hear(frame, now)
             elif frame.id in COMMAND_IDS:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from swarm_ctl.agent.params import Limits
@@ -17,8 +16,7 @@ MODE_UNTOLD_S = 10.0
 """Who does not tell its mode cannot tell that a pilot took it: one heartbeat of ten must come."""
 
 
-@dataclass(frozen=True, slots=True)
-class Health:
+class Health(NamedTuple):
     """What the failsafe looks at; ages and times in seconds."""
 
     silent_s: float

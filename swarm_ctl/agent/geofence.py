@@ -67,43 +67,42 @@ class Guard:
             *self._peers(motion, peers),
             *self._walls(motion, ranges_m),
         ]
-        return Vec3(*limit_velocity(velocity, constraints, self._speed, self._climb))
+        return limit_velocity(velocity, constraints, self._speed, self._climb)
 
     def _fence(self, motion: Motion) -> list[Constraint]:
         """Bound the speed outwards from here, and from where the vehicle is about to be."""
-        here, flown = motion.position_ned_m, motion.velocity_ned_m_s
-        soon = Vec3(*(p + v * self._response_s for p, v in zip(here, flown, strict=True)))
-        limits, heights = self._limits, (-here.z, -soon.z)
-        floor = wall_limit(min(heights) - limits.floor_m, 0.0, VERTICAL_BRAKING_M_S2)
-        ceiling = wall_limit(limits.ceiling_m - max(heights), 0.0, VERTICAL_BRAKING_M_S2)
+        (x, y, z), (vx, vy, vz) = motion.position_ned_m, motion.velocity_ned_m_s
+        response_s, limits = self._response_s, self._limits
+        low, high = sorted((-z, -(z + vz * response_s)))
+        floor = wall_limit(low - limits.floor_m, 0.0, VERTICAL_BRAKING_M_S2)
+        ceiling = wall_limit(limits.ceiling_m - high, 0.0, VERTICAL_BRAKING_M_S2)
         fence = [Constraint(0.0, 0.0, 1.0, floor), Constraint(0.0, 0.0, -1.0, ceiling)]
-        for x, y, _ in (soon, here):
-            away = math.hypot(x, y)
+        for north, east in ((x + vx * response_s, y + vy * response_s), (x, y)):
+            away = math.hypot(north, east)
             if away > 0.5 * limits.radius_m:
                 room = wall_limit(limits.radius_m - away, FENCE_M, self._braking)
-                fence.append(Constraint(x / away, y / away, 0.0, room))
+                fence.append(Constraint(north / away, east / away, 0.0, room))
         return fence
 
     def _walls(self, motion: Motion, ranges_m: Sequence[float]) -> list[Constraint]:
-        level = [motion.yaw_rad + bearing for bearing in BEAM_BEARINGS_RAD]
-        beams = [*(Vec3(math.cos(angle), math.sin(angle), 0.0) for angle in level), UP, DOWN]
-        rooms = [self._room(motion, *pair) for pair in zip(beams, ranges_m, strict=True)]
-        opposite = zip(rooms[::2], rooms[1::2], strict=True)
-        kept = [room for one, other in opposite for room in _between(one, other)]
-        return [
-            Constraint(*beam, room)
-            for beam, room in zip(beams, kept, strict=True)
-            if room < math.inf
-        ]
+        kept: list[Constraint] = []
+        for first in (0, 2, 4):
+            one_m, other_m = ranges_m[first : first + 2]
+            if one_m < math.inf or other_m < math.inf:
+                one, other = _beam(first, motion.yaw_rad), _beam(first + 1, motion.yaw_rad)
+                rooms = _between(self._room(motion, one, one_m), self._room(motion, other, other_m))
+                seen = zip((one, other), rooms, strict=True)
+                kept += [Constraint(*beam, room) for beam, room in seen if room < math.inf]
+        return kept
 
     def _room(self, motion: Motion, beam: Vec3, distance_m: float) -> float:
         """Give the largest speed along a beam, m/s."""
         if distance_m == math.inf:
             return math.inf
-        closing = sum(v * n for v, n in zip(motion.velocity_ned_m_s, beam, strict=True))
-        left_m = distance_m - self._response_s * max(0.0, closing)
+        (vx, vy, vz), (x, y, z) = motion.velocity_ned_m_s, beam
+        left_m = distance_m - self._response_s * max(0.0, vx * x + vy * y + vz * z)
         return wall_limit(
-            left_m, self._limits.wall_m, VERTICAL_BRAKING_M_S2 if beam.z else self._braking
+            left_m, self._limits.wall_m, VERTICAL_BRAKING_M_S2 if z else self._braking
         )
 
     def _keep_right(self, velocity: Vec3, peers: Sequence[Neighbour]) -> Vec3:
@@ -140,6 +139,14 @@ class Guard:
             room = peer_limit(left, separation + doubt_m, self._braking, self._speed)
             constraints.append(Constraint(x, y, z, room))
         return constraints
+
+
+def _beam(index: int, yaw_rad: float) -> Vec3:
+    """Give the direction of a rangefinder."""
+    if index >= len(BEAM_BEARINGS_RAD):
+        return (UP, DOWN)[index - len(BEAM_BEARINGS_RAD)]
+    bearing_rad = yaw_rad + BEAM_BEARINGS_RAD[index]
+    return Vec3(math.cos(bearing_rad), math.sin(bearing_rad), 0.0)
 
 
 def _between(one_m_s: float, other_m_s: float) -> tuple[float, float]:

@@ -21,6 +21,10 @@ class Streams:
 
     def __init__(self) -> None:
         self._rates_hz: dict[str, float] = {}
+        self._patience_s: dict[int, float] = {}
+        """By id: when a message that has not come is missing."""
+        self._flowing_until_s = -math.inf
+        """Until then nothing that flows now can be missing."""
         self._heard_s: dict[int, float] = {}
         self._asked: set[str] = set()
         self._refused_s: dict[str, float] = {}
@@ -29,6 +33,11 @@ class Streams:
     def want(self, rates_hz: Mapping[str, float]) -> None:
         """Add messages by name."""
         self._rates_hz |= rates_hz
+        self._patience_s = {
+            wire.message(name).id: max(STALE_S, STALE_PERIODS / rate_hz)
+            for name, rate_hz in self._rates_hz.items()
+        }
+        self._flowing_until_s = -math.inf
 
     def heard(self, number: int, now: float) -> None:
         """Note a message by its id."""
@@ -40,7 +49,12 @@ class Streams:
 
     def missing(self, now: float) -> list[str]:
         """Name the wanted messages that do not flow, or no longer."""
-        return [name for name in self._rates_hz if self._is_silent(name, now)]
+        if now < self._flowing_until_s:
+            return []
+        last_s = [self._heard_s.get(number, -math.inf) for number in self._patience_s]
+        waits = list(zip(self._rates_hz, last_s, self._patience_s.values(), strict=True))
+        self._flowing_until_s = min((last + wait for _, last, wait in waits), default=-math.inf)
+        return [name for name, last, wait in waits if now - last > wait]
 
     def due(self, now: float, *, starts: bool) -> list[Command]:
         """Give the requests to make now: for all that is missing, in flight as well.
@@ -49,7 +63,7 @@ class Streams:
         """
         if now < self._next_s:
             return []
-        fresh = [name for name in self._rates_hz if starts and name not in self._asked]
+        fresh = [name for name in self._rates_hz if name not in self._asked] if starts else ()
         asks = dict.fromkeys([*fresh, *self.missing(now)])
         names = [name for name in asks if self._may_ask(name, now)]
         if names:
@@ -59,10 +73,6 @@ class Streams:
 
     def _may_ask(self, name: str, now: float) -> bool:
         return now - self._refused_s.get(name, -math.inf) > REFUSED_S
-
-    def _is_silent(self, name: str, now: float) -> bool:
-        patience_s = max(STALE_S, STALE_PERIODS / self._rates_hz[name])
-        return now - self._heard_s.get(wire.message(name).id, -math.inf) > patience_s
 
     def _request(self, name: str) -> Command:
         interval_us = 1e6 / self._rates_hz[name]

@@ -49,6 +49,7 @@ FARTHEST_PEER_M = 656.0
 OLDEST_FIX_S = 1.0
 _DISTANCE_SENSOR = wire.message("DISTANCE_SENSOR").id
 _SENSED = frozenset({_DISTANCE_SENSOR, wire.message("OBSTACLE_DISTANCE").id})
+_NO_SENSORS = frozenset({AUTOPILOT_COMPONENT, RADIO_COMPONENT, COMPANION_COMPONENT})
 
 
 def is_sensed(frame: wire.Frame) -> bool:
@@ -56,8 +57,7 @@ def is_sensed(frame: wire.Frame) -> bool:
 
     PX4 tells of those on one link no more than the one that spoke last, ArduPilot of no scanner.
     """
-    others = {AUTOPILOT_COMPONENT, RADIO_COMPONENT, COMPANION_COMPONENT}
-    return frame.id in _SENSED and frame.compid not in others
+    return frame.compid not in _NO_SENSORS and frame.id in _SENSED
 
 
 class PeerFix(NamedTuple):
@@ -143,17 +143,17 @@ class Telemetry(Status):
 
     def receive(self, frame: wire.Frame, now: float) -> None:
         """Take one frame of the vehicle's own autopilot, radio, or a sensor that speaks itself."""
-        if is_sensed(frame):
-            self._handlers[frame.id](frame.values, now)
-        elif frame.compid == RADIO_COMPONENT and frame.id == _DISTANCE_SENSOR:
-            self._peer_distance(frame.values, now)
-        if frame.compid != AUTOPILOT_COMPONENT:
-            return
-        self.heard_s = now
-        self.streams.heard(frame.id, now)
-        handler = self._handlers.get(frame.id)
-        if handler is not None:
-            handler(frame.values, now)
+        _, compid, _, number, values, _ = frame
+        if compid == AUTOPILOT_COMPONENT:
+            self.heard_s = now
+            self.streams.heard(number, now)
+            handler = self._handlers.get(number)
+            if handler is not None:
+                handler(values, now)
+        elif is_sensed(frame):
+            self._handlers[number](values, now)
+        elif compid == RADIO_COMPONENT and number == _DISTANCE_SENSOR:
+            self._peer_distance(values, now)
 
     def _is_repeated(self, message: str, boot_ms: int) -> bool:
         """Whether a stream has stopped and says the same again and again."""
@@ -161,12 +161,12 @@ class Telemetry(Status):
         return boot_ms == before != 0
 
     def _attitude(self, values: Any, now: float) -> None:
-        attitude = Vec3(values.roll, values.pitch, values.yaw)
-        is_repeated = self._is_repeated("ATTITUDE", values.time_boot_ms)
-        if all(map(math.isfinite, attitude)) and not is_repeated:
-            yaw_rad = wrap_rad(attitude.z + self._yaw_offset_rad)
-            self.attitude_rad = Vec3(attitude.x, attitude.y, yaw_rad)
-            self.yaw_rate_rad_s = values.yawspeed
+        boot_ms, roll_rad, pitch_rad, yaw_rad, _, _, yaw_rate_rad_s = values
+        is_repeated = self._is_repeated("ATTITUDE", boot_ms)
+        if math.isfinite(roll_rad + pitch_rad + yaw_rad) and not is_repeated:
+            yaw_rad = wrap_rad(yaw_rad + self._yaw_offset_rad)
+            self.attitude_rad = Vec3(roll_rad, pitch_rad, yaw_rad)
+            self.yaw_rate_rad_s = yaw_rate_rad_s
             self.attitude_s = now
 
     def _local_position(self, values: Any, now: float) -> None:
@@ -192,12 +192,11 @@ class Telemetry(Status):
             self.timesync.answered(values.ts1, now)
 
     def _distance(self, values: Any, now: float) -> None:
-        index = RANGE_BY_ORIENTATION.get(values.orientation)
-        if index is None:
-            return
-        beyond = values.current_distance >= values.max_distance
-        self.ranges_m[index] = math.inf if beyond else values.current_distance * 0.01
-        self.ranges_s[index] = now
+        _, _, farthest_cm, distance_cm, _, _, orientation, *_ = values
+        index = RANGE_BY_ORIENTATION.get(orientation)
+        if index is not None:
+            self.ranges_m[index] = math.inf if distance_cm >= farthest_cm else distance_cm * 0.01
+            self.ranges_s[index] = now
 
     def _scan(self, values: Any, now: float) -> None:
         increment = math.radians(values.increment_f or values.increment)
@@ -207,10 +206,11 @@ class Telemetry(Status):
         if abs(self.yaw_rate_rad_s) > STEADY_RAD_S:
             return
         self.scan_s = now
+        nearest, farthest = values.min_distance, values.max_distance
         self.scan_m = [
             Vec3(cm * 0.01 * math.cos(bearing), cm * 0.01 * math.sin(bearing), 0.0)
             for index, cm in enumerate(values.distances)
-            if values.min_distance <= cm <= values.max_distance
+            if nearest <= cm <= farthest
             for bearing in (first + index * increment,)
         ]
 

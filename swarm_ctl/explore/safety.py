@@ -1,20 +1,12 @@
-"""The velocity safety filter: half-space limits from peers and walls, then the speed limits.
-
-Every line works component by component, on floats for one vehicle and on arrays (n,) for a batch.
-"""
+"""The velocity safety filter: half-space limits from peers and walls, then the speed limits."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar, overload
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from swarm_ctl.explore.chance import Floats
 from swarm_ctl.model import Vec3
-
-Number = TypeVar("Number", float, NDArray[np.float64])
 
 TOLERANCE_M_S = 0.01
 """Approach beyond a limit that is let pass where limits contradict each other."""
@@ -24,99 +16,76 @@ _SETTLED_M_S = 1e-6
 class Constraint(NamedTuple):
     """A half space of velocities, v . n <= limit; n is a unit vector towards what is in the way."""
 
-    nx: float | Floats
-    ny: float | Floats
-    nz: float | Floats
-    limit: float | Floats
+    nx: float
+    ny: float
+    nz: float
+    limit: float
     """m/s; negative: move away at least this fast."""
 
 
 def peer_limit(
-    distance_m: Number, separation_m: float, braking_m_s2: float, speed_m_s: float
-) -> Number:
+    distance_m: float, separation_m: float, braking_m_s2: float, speed_m_s: float
+) -> float:
     """Give the largest speed towards a peer, m/s; negative below the separation.
 
     With e = distance - separation: min(sqrt(a e), 2 e), each of the two taking half of the closing
     speed; for e < 0 max(-speed, 2 e). `braking_m_s2` (a) is half of what the vehicle can do.
     """
     excess = distance_m - separation_m
-    braked = (braking_m_s2 * _larger(excess, 0.0)) ** 0.5
-    limit: Number = _smaller(braked, _larger(2.0 * excess, -speed_m_s))
-    return limit
+    if not excess > 0.0:
+        return max(-speed_m_s, 2.0 * excess)
+    return min(math.sqrt(braking_m_s2 * excess), 2.0 * excess)
 
 
 def wall_limit(
-    distance_m: Number, standoff_m: float, braking_m_s2: float, pushout_m_s: float = 0.5
-) -> Number:
+    distance_m: float, standoff_m: float, braking_m_s2: float, pushout_m_s: float = 0.5
+) -> float:
     """Give the largest speed towards a wall, m/s: min(sqrt(2 a e), 2 e), e = distance - standoff.
 
     For e < 0 it is negative, down to -`pushout_m_s`.
     """
     excess = distance_m - standoff_m
-    braked = (2.0 * braking_m_s2 * _larger(excess, 0.0)) ** 0.5
-    limit: Number = _smaller(braked, _larger(2.0 * excess, -pushout_m_s))
-    return limit
+    if not excess > 0.0:
+        return max(-pushout_m_s, 2.0 * excess)
+    return min(math.sqrt(2.0 * braking_m_s2 * excess), 2.0 * excess)
 
 
-@overload
 def limit_velocity(
     velocity: tuple[float, float, float],
     constraints: Sequence[Constraint],
     horizontal_m_s: float,
     vertical_m_s: float,
     sweeps: int = 8,
-) -> Vec3: ...
-@overload
-def limit_velocity(
-    velocity: tuple[Floats, Floats, Floats],
-    constraints: Sequence[Constraint],
-    horizontal_m_s: float,
-    vertical_m_s: float,
-    sweeps: int = 8,
-) -> tuple[Floats, Floats, Floats]: ...
-def limit_velocity(
-    velocity: tuple[Any, Any, Any],
-    constraints: Sequence[Constraint],
-    horizontal_m_s: float,
-    vertical_m_s: float,
-    sweeps: int = 8,
-) -> tuple[Any, Any, Any]:
+) -> Vec3:
     """Bring a velocity into all half spaces, as near as projecting on each in turn comes.
 
     Then shorten it, direction preserved, to the two positive speed limits. Where the half spaces
     have no common point or `sweeps` do not suffice, it is shortened until it approaches nothing
-    faster than the limit, or than 0, by more than TOLERANCE_M_S. Every component of the velocity
-    and of the constraints is a float or an array (n,), in any one frame whose z is vertical.
+    faster than the limit, or than 0, by more than TOLERANCE_M_S. Velocity and constraints are in
+    any one frame whose z is vertical.
     """
     x, y, z = _project(velocity, constraints, sweeps)
-    kappa = horizontal_m_s / _larger((x * x + y * y) ** 0.5, horizontal_m_s)
-    kappa = _smaller(kappa, vertical_m_s / _larger(abs(z), vertical_m_s))
+    kappa = horizontal_m_s / max(horizontal_m_s, math.sqrt(x * x + y * y))
+    kappa = min(kappa, vertical_m_s / max(vertical_m_s, abs(z)))
     for nx, ny, nz, limit in constraints:
-        allowed = _larger(limit, 0.0) + TOLERANCE_M_S
-        kappa = _smaller(kappa, allowed / _larger(x * nx + y * ny + z * nz, allowed))
+        allowed = max(0.0, limit) + TOLERANCE_M_S
+        approach = x * nx + y * ny + z * nz
+        if approach > allowed:
+            kappa = min(kappa, allowed / approach)
     return Vec3(x * kappa, y * kappa, z * kappa)
 
 
 def _project(
-    velocity: tuple[Any, Any, Any], constraints: Sequence[Constraint], sweeps: int
-) -> tuple[Any, Any, Any]:
-    """Project on each half space in turn (Gauss-Seidel) until no vehicle's velocity changes."""
+    velocity: tuple[float, float, float], constraints: Sequence[Constraint], sweeps: int
+) -> tuple[float, float, float]:
+    """Project on each half space in turn (Gauss-Seidel) until the velocity does not change."""
     x, y, z = velocity
     for _ in range(sweeps):
         worst = 0.0
         for nx, ny, nz, limit in constraints:
-            excess = _larger(x * nx + y * ny + z * nz - limit, 0.0)
+            excess = max(0.0, x * nx + y * ny + z * nz - limit)
             x, y, z = x - excess * nx, y - excess * ny, z - excess * nz
-            worst = _larger(excess, worst)
-        if (worst if isinstance(worst, float) else worst.max(initial=0.0)) < _SETTLED_M_S:
+            worst = max(worst, excess)
+        if worst < _SETTLED_M_S:
             break
     return x, y, z
-
-
-# The conditional expressions save a call: these two are half of the filter's time on floats.
-def _larger(a: Any, b: Any) -> Any:
-    return (a if a > b else b) if isinstance(a, float) else np.maximum(a, b)  # noqa: FURB136
-
-
-def _smaller(a: Any, b: Any) -> Any:
-    return (a if a < b else b) if isinstance(a, float) else np.minimum(a, b)  # noqa: FURB136

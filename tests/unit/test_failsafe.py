@@ -1,4 +1,3 @@
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -41,11 +40,11 @@ def test_a_healthy_vehicle_flies_on() -> None:
     ],
 )
 def test_each_trouble_has_its_answer(trouble: str, value: Any, cause: Cause, words: str) -> None:
-    judged = verdict(replace(WELL, **{trouble: value}), Limits())
+    judged = verdict(WELL._replace(**{trouble: value}), Limits())
     assert judged == (cause, words)
 
 
 def test_the_graver_trouble_wins() -> None:
-    judged = verdict(replace(WELL, position_age_s=2.0, battery_fraction=0.05), Limits())
+    judged = verdict(WELL._replace(position_age_s=2.0, battery_fraction=0.05), Limits())
     assert judged is not None
     assert judged.cause is Cause.LAND
