@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
-.PHONY: help run test sitl check lint format venv clients mosquitto bench crash fuzz clean
+.PHONY: help run test sitl check lint format venv clients mosquitto bench crash fuzz soak clean
 .DEFAULT_GOAL := help
 
 help:  ## list what can be made
@@ -40,6 +40,9 @@ crash: venv  ## kill the controllers of ten flying vehicles ten times (7 minutes
 
 fuzz: venv  ## throw a million mutated frames at mock vehicles
 	$(BIN)/python benchmarks/fuzz.py
+
+soak: venv  ## fly ten thousand missions drawn by seed (hours on one core), and go on where it was stopped
+	$(BIN)/swarm-ctl soak --seeds 1..10000 --out runs/soak.jsonl
 
 venv: $(VENV)/.stamp  ## set up .venv with every extra
 

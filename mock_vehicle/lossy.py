@@ -172,6 +172,9 @@ class LossyLinks:
             del self._channels[place]
         return arrived
 
+    def __len__(self) -> int:
+        return sum(len(channel.held) for channel in self._channels.values())
+
     def late(
         self, direction: Direction, now: float, links: Collection[int] = (0, 1)
     ) -> list[tuple[Place, bytes]]:

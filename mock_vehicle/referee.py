@@ -93,6 +93,11 @@ class Referee:
         return self._walls.count + self._pair_collisions
 
     @property
+    def wall_contacts(self) -> int:
+        """Episodes of contact with walls."""
+        return self._walls.count
+
+    @property
     def energy_kwh(self) -> float:
         """Drawn from all batteries."""
         return float(self._batteries.energy_j.sum() / 3.6e6)

@@ -40,6 +40,7 @@ from swarm_ctl.cli_options import (
     read_key,
 )
 from swarm_ctl.cli_order import order
+from swarm_ctl.cli_soak import soak
 from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.flight import Faults, discard, finish
 from swarm_ctl.mission import Mission, load_mission, mission_schema
@@ -193,6 +194,7 @@ app.command()(fly)
 app.command()(doctor)
 app.command()(experiment)
 app.command()(tune)
+app.command()(soak)
 app.command()(order)
 
 

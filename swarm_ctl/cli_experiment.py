@@ -60,7 +60,7 @@ def experiment(
             workers=workers,
             seed=seed,
             out=out,
-            progress=stack.enter_context(_bar()),
+            progress=stack.enter_context(bar()),
             compute=compute,
         )
     PipeConsole(highlight=False).print(result_lines(result))
@@ -93,7 +93,7 @@ def tune(
     from swarm_ctl.experiment.sweep import processes  # noqa: PLC0415 - slow
     from swarm_ctl.experiment.tuned import tuned_lines  # noqa: PLC0415 - the same
 
-    with processes(workers) as compute, _bar() as progress:
+    with processes(workers) as compute, bar() as progress:
         result = tune_experiment(
             file,
             trials=trials,
@@ -110,12 +110,12 @@ def tune(
 
 
 @contextmanager
-def _bar() -> Iterator[Callable[[int, int, str], None]]:
-    """Show a bar; gives what is called with trials done, trials in all and a few words."""
+def bar(what: str = "trials") -> Iterator[Callable[[int, int, str], None]]:
+    """Show a bar; gives what is called with what is done, what there is and a few words."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bar:
-        task = bar.add_task("trials", total=None, visible=False)
-        yield lambda done, total, words: bar.update(
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as shown:
+        task = shown.add_task(what, total=None, visible=False)
+        yield lambda done, total, words: shown.update(
             task, completed=done, total=total, description=words, visible=True
         )
 

@@ -192,6 +192,7 @@ class Agent:
         self.now = now
         self.sender.gate.advance(now)
         if self.is_ended:
+            self.telemetry.forget_news()  # which goes on as long as the vehicle does
             return b""
         self._digest()
         acks = [self.sender.acknowledge(ack) for ack in self.inbox.answer(partial(obey, self), now)]

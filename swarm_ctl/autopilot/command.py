@@ -144,6 +144,9 @@ class CommandQueue:
         self._accepted: tuple[_Request, float] | None = None
         """The last one that was accepted, and until when that may be taken back."""
 
+    def __len__(self) -> int:
+        return len(self._all())
+
     def request(self, wanted: Command) -> None:
         """Queue a command unless the same one is already waiting."""
         if not any(waiting.command == wanted for waiting in self._all()):

@@ -135,6 +135,11 @@ class Telemetry(Status):
         """Heading, clockwise from north."""
         return self.attitude_rad.z
 
+    def forget_news(self) -> None:
+        """Drop what waits to be taken note of."""
+        for news in (self.peer_fixes, self.victim_fixes, self.texts, self.acks):
+            news.clear()
+
     def start_here(self) -> None:
         """Make the place where the vehicle is the origin of its positions."""
         start, place = self.start_ned_m, self.position_ned_m

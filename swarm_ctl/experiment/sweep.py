@@ -5,12 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from swarm_ctl.errors import MissionError, SwarmError
+from swarm_ctl.errors import MissionError
+from swarm_ctl.experiment import pool
 from swarm_ctl.experiment.batch import Case, simulate
 from swarm_ctl.experiment.cell import Cell, case_of
 from swarm_ctl.experiment.report import CellResult, ExperimentResult, draw_pictures, statistic
@@ -106,34 +103,8 @@ def locally(workers: int) -> Compute:
 @contextmanager
 def processes(workers: int) -> Iterator[Compute]:
     """Compute in this process, or in several on this machine that live as long as the block."""
-    if workers == 1:
-        yield lambda jobs: ((job, run_job(job)) for job in jobs)
-        return
-    # spawn: a fork would copy whatever threads numpy and the caller have
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_ignore_ctrl_c)
-    try:
-        yield lambda jobs: _through(pool, jobs)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _through(pool: ProcessPoolExecutor, jobs: Sequence[Job]) -> Iterator[tuple[Job, list[Row]]]:
-    waiting: dict[Future[list[Row]], Job] = {pool.submit(run_job, job): job for job in jobs}
-    try:
-        while waiting:
-            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield waiting.pop(future), future.result()
-    except KeyboardInterrupt:
-        pool.shutdown(wait=True, cancel_futures=True)
-        for future, job in waiting.items():
-            if not future.cancelled() and future.exception() is None:
-                yield job, future.result()
-        raise
-    except BrokenProcessPool:
-        reason = "a worker process was killed; the same command continues"
-        raise SwarmError(reason) from None
+    with pool.processes(workers, run_job) as compute:
+        yield compute
 
 
 def run_experiment(
@@ -304,8 +275,3 @@ def write_whole(path: Path, text: str) -> None:
     half = path.with_name(path.name + ".tmp")
     half.write_text(text, encoding="utf-8")
     half.replace(path)
-
-
-def _ignore_ctrl_c() -> None:
-    """Leave Ctrl-C to the parent, which lets running chunks finish."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,170 @@
+"""What the checks look at, tick by tick: the truth, the wire, and the controllers from inside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from mock_vehicle.faults import Fault, parse_fault
+from swarm_ctl import wire
+from swarm_ctl.agent.agent import Agent
+from swarm_ctl.agent.phases import STEERING, Phase
+from swarm_ctl.experiment.arena import Arena
+from swarm_ctl.experiment.soak.scenario import Scenario
+from swarm_ctl.model import Event
+from swarm_ctl.record.unrecorded import Unrecorded
+
+_IDS = {wire.message(name).id: name for name in ("SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG")}
+MET_S = 2.0
+"""Two radios that reached each other for so long know of each other (peers.FRESH_S, twice)."""
+HEALED_S = 3.0
+"""From the end of a fault to full control: a heartbeat, a round trip, and what is flown meanwhile
+(PX4 offboard loss 1 s, ArduPilot's GUID_TIMEOUT 3 s)."""
+
+OUT_OF_HAND: Mapping[str, float] = {
+    "motor": math.inf,
+    "wind-gust": HEALED_S,
+    "reboot": math.inf,
+    "freeze": HEALED_S,
+    "frozen-telemetry": HEALED_S,
+    "link-loss": HEALED_S,
+    "link-delay": HEALED_S,
+    "link-burst": HEALED_S,
+    "link-freeze": HEALED_S,
+}
+"""Faults with which nobody can steer a vehicle, and for how long after they have healed."""
+BLIND: Mapping[str, float] = {"rangefinder-stuck": HEALED_S, "rangefinder-noise": HEALED_S}
+"""Faults with which a vehicle cannot tell where the walls are, though it believes to."""
+
+
+class Witness(Unrecorded):
+    """The record of a flight that is only watched: frames that leave, and facts."""
+
+    def __init__(self, *, hashed: bool) -> None:
+        super().__init__(hashed=hashed, events=self)
+        self._sha256 = self.hash
+        self.hash = self
+        self.events: list[Event] = []
+        """Since they were last taken."""
+        self.agents: list[Agent] = []
+        self.sent: dict[int, tuple[Phase, bytes]] = {}
+        """The last datagram of each vehicle that sent one, by index, and its phase as it did."""
+
+    def frame(self, index: int, outgoing: bool, data: bytes) -> None:
+        """Keep what a controller sends."""
+        self._sha256.frame(index, outgoing, data)
+        if outgoing:
+            self.sent[index] = (self.agents[index].phase, data)
+
+    def hexdigest(self) -> str:
+        """Give the hash, if one is kept."""
+        return self._sha256.hexdigest()
+
+    def write(self, event: Event) -> None:
+        """Keep a fact."""
+        self.events.append(event)
+
+
+class Look:
+    """One flight as it is now, and what of its past the checks need."""
+
+    def __init__(self, scenario: Scenario, arena: Arena, witness: Witness) -> None:
+        self.scenario, self.arena = scenario, arena
+        self.mission = scenario.mission
+        self.fleet = arena.fleet
+        self.agents = [controller.agent for controller in arena.controllers]
+        self.range = range(len(self.agents))
+        self.now = 0.0
+        self.places_ned_m: list[list[float]] = []
+        """True positions."""
+        self.airborne: list[bool] = []
+        self.steered: list[bool] = []
+        """Whether a vehicle is airborne in the hands of its controller, who is to blame then."""
+        self.sent: dict[int, tuple[Phase, list[str]]] = {}
+        """Who has sent setpoints and commands since the last tick, in which phase; their names."""
+        self.events: list[Event] = []
+        """Facts since the last tick."""
+        self.closest_m = math.inf
+        """The closest approach of a pair that may not touch."""
+        self.wall_contacts = 0
+        self.coverage = 0.0
+        self.within: set[int] = set()
+        """Who has been inside its fence since it was steered."""
+        self.between: set[int] = set()
+        """Who has been between floor and ceiling since it was steered."""
+        self.reported: set[tuple[int, int]] = set()
+        """Who has reported which victim."""
+        self._witness = witness
+        witness.agents = self.agents
+        self._unlinked_s: dict[tuple[int, int], float] = {}
+        faults = [parse_fault(text) for text in scenario.faults if "controller:" not in text]
+        self._loose_s = [_spans(faults, index + 1, OUT_OF_HAND) for index in self.range]
+        self._blind_s = [_spans(faults, index + 1, BLIND) for index in self.range]
+
+    def advance(self) -> None:
+        """Take in what the last tick brought."""
+        self.now = now = self.arena.now
+        body, vehicles = self.fleet.dynamics, self.fleet.vehicles
+        self.places_ned_m = body.position_ned_m.tolist()
+        self.airborne = [not grounded for grounded in body.on_ground.tolist()]
+        self.steered = [
+            self.airborne[i]
+            and self.agents[i].phase in STEERING
+            and vehicles[i].alive
+            and not _within(self._loose_s[i], now)
+            for i in self.range
+        ]
+        sent, self._witness.sent = self._witness.sent, {}
+        self.sent = {i: (phase, _names(data)) for i, (phase, data) in sent.items()}
+        self.events, self._witness.events = self._witness.events, []
+        self._note_links()
+
+    def is_blind(self, index: int) -> bool:
+        """Whether a fault keeps a vehicle from seeing walls."""
+        return _within(self._blind_s[index], self.now)
+
+    def know_each_other(self, one: int, other: int) -> bool:
+        """Whether the radios of a pair have reached each other long enough."""
+        return self.now - self._unlinked_s.get((one, other), 0.0) > MET_S
+
+    def error_m(self, index: int) -> float:
+        """Give how wrong a vehicle's own position is, level and vertical together."""
+        start = self.fleet.starts_ned_m[index].tolist()
+        told = self.agents[index].telemetry.position_ned_m
+        place = self.places_ned_m[index]
+        return math.dist(told, [p - s for p, s in zip(place, start, strict=True)])
+
+    def has_left(self, kept: set[int], index: int, beyond_m: float, slack_m: float) -> bool:
+        """Tell whether a steered vehicle of those that were inside is outside by its own doing."""
+        if not self.steered[index]:
+            kept.discard(index)
+        elif beyond_m <= 0.0:
+            kept.add(index)
+        return index in kept and beyond_m > slack_m and beyond_m > slack_m + self.error_m(index)
+
+    def _note_links(self) -> None:
+        linked = self.fleet.radio.linked.tolist()
+        for i in self.range:
+            for j in range(i + 1, len(self.agents)):
+                if not (linked[i][j] and linked[j][i]):
+                    self._unlinked_s[i, j] = self.now
+
+
+def _spans(
+    faults: list[Fault], sysid: int, kinds: Mapping[str, float]
+) -> list[tuple[float, float]]:
+    """Give from when to when a vehicle suffers from faults of these kinds, and from their wake."""
+    return [
+        (fault.time_s, fault.time_s + fault.lasts_s + kinds[fault.kind])
+        for fault in faults
+        if fault.kind in kinds and fault.vehicle in {None, sysid}
+    ]
+
+
+def _within(spans: list[tuple[float, float]], now: float) -> bool:
+    return any(begins_s <= now <= ends_s for begins_s, ends_s in spans)
+
+
+def _names(data: bytes) -> list[str]:
+    ids = (int.from_bytes(frame[7:10], "little") for frame in wire.split(data))
+    return [_IDS[number] for number in ids if number in _IDS]
