@@ -17,11 +17,9 @@ from pathlib import Path
 
 from many import Hall, Row, fly_all
 
-WORLD = {
-    "radio": {"delay_s": 0.2, "loss_fraction": 0.3},
-    "sensors": {"radio_range_noise_m": 0.05, "bearing_noise_deg": 1.5},
-}
+RANGING = {"range_noise_m": 0.05, "bearing_noise_deg": 1.5, "delay_s": 0.2}
 """At 2 m a bearing that is 1.5 degrees off is 5 cm off."""
+WORLD = {"radio": {"delay_s": 0.2, "loss_fraction": 0.3, "ranging": RANGING}}
 SWARMS = [("lf-pso", 10), ("explore", 10), ("lf-pso", 30), ("explore", 30)]
 """Planner and vehicles; in turns."""
 
