@@ -1,17 +1,15 @@
-"""Fly one hall thousands of times in virtual time, on several cores, and keep what came of it."""
+"""Do the same thousands of times on several cores, above all fly, and keep what came of it."""
 
 from __future__ import annotations
 
 import json
-import math
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from statistics import fmean, stdev
-from typing import Any
+from typing import Any, Protocol
 
 import yaml
 
@@ -25,7 +23,17 @@ LATE_S = 200.0
 """Mission time beyond the exploration after which a flight is cut off."""
 
 Row = dict[str, Any]
-"""JSON values: the flight, and what came of it."""
+"""JSON values."""
+
+
+class Job(Protocol):
+    """Something to do once, in whatever process."""
+
+    def name(self) -> str:
+        """Name it among others of one file."""
+
+    def do(self) -> Row:
+        """Do it; what came of it."""
 
 
 @dataclass(frozen=True)
@@ -43,69 +51,70 @@ class Hall:
         """Name this flight among others of one file."""
         return json.dumps(asdict(self), sort_keys=True)
 
-
-def fly(hall: Hall) -> Row:
-    """Fly until nobody explores any more; what the referee saw, and the CPU time it took, s."""
-    began = time.process_time()
-    with tempfile.TemporaryDirectory() as folder:
-        world = yaml.safe_load((MISSIONS / "worlds" / "open_3d.yaml").read_text("utf-8"))
-        for block, keys in hall.world.items():
-            world[block] = {**world.get(block, {}), **keys}
-        file = Path(folder) / "world.yaml"
-        file.write_text(yaml.safe_dump(world), "utf-8")
-        mission = load_mission(
-            HALL,
-            world=file,
-            vehicles=hall.vehicles,
-            planner=hall.planner,
-            duration_s=hall.duration_s,
-            seed=hall.seed,
-        )
-        arena = Arena(mission, Unrecorded())
-    agents = [controller.agent for controller in arena.controllers]
-    while arena.now < hall.duration_s + LATE_S and not arena.is_over:
-        arena.fly(until_s=arena.now + 1.0)
-        if all(agent.explored_to_s is not None for agent in agents):
-            break
-    referee = arena.fleet.referee
-    return {
-        "flight": hall.name(),
-        "vehicle_s": hall.vehicles * arena.now,
-        "explored_s": sum(
-            (agent.explored_to_s or arena.now) - agent.explored_from_s
-            for agent in agents
-            if agent.explored_from_s is not None
-        ),
-        "coverage": referee.coverage.fraction,
-        "contacts": referee.snapshot()["collisions"],
-        "closest_m": referee.min_separation_m if hall.vehicles > 1 else math.inf,
-        "troubles": [f"{agent.sysid}: {agent.trouble}" for agent in agents if agent.trouble],
-        "cpu_s": time.process_time() - began,
-    }
+    def do(self) -> Row:
+        """Fly until nobody explores any more; what the referee saw, and the CPU time it took, s."""
+        began = time.process_time()
+        with tempfile.TemporaryDirectory() as folder:
+            world = yaml.safe_load((MISSIONS / "worlds" / "open_3d.yaml").read_text("utf-8"))
+            for block, keys in self.world.items():
+                world[block] = {**world.get(block, {}), **keys}
+            file = Path(folder) / "world.yaml"
+            file.write_text(yaml.safe_dump(world), "utf-8")
+            mission = load_mission(
+                HALL,
+                world=file,
+                vehicles=self.vehicles,
+                planner=self.planner,
+                duration_s=self.duration_s,
+                seed=self.seed,
+            )
+            arena = Arena(mission, Unrecorded())
+        agents = [controller.agent for controller in arena.controllers]
+        while arena.now < self.duration_s + LATE_S and not arena.is_over:
+            arena.fly(until_s=arena.now + 1.0)
+            if all(agent.explored_to_s is not None for agent in agents):
+                break
+        referee = arena.fleet.referee
+        return {
+            "vehicle_s": self.vehicles * arena.now,
+            "explored_s": sum(
+                (agent.explored_to_s or arena.now) - agent.explored_from_s
+                for agent in agents
+                if agent.explored_from_s is not None
+            ),
+            "coverage": referee.coverage.fraction,
+            "contacts": referee.collisions,
+            "closest_m": referee.min_separation_m,
+            "troubles": [f"{agent.sysid}: {agent.trouble}" for agent in agents if agent.trouble],
+            "cpu_s": time.process_time() - began,
+        }
 
 
-def fly_all(
-    halls: Iterable[Hall], file: Path | None, workers: int, is_enough: Callable[[list[Row]], bool]
+def pursue(
+    jobs: Iterable[Job],
+    file: Path | None,
+    workers: int,
+    is_enough: Callable[[list[Row]], bool] = lambda _: False,
 ) -> Iterator[Row]:
-    """Fly what the file does not hold yet, until it is enough; give each row, old ones first.
+    """Do what the file does not hold yet, until it is enough; give each row, old ones first.
 
-    Every flight is a line of the file as soon as it is over: a killed benchmark goes on from there.
+    Every job is a line of the file as soon as it is done: a killed benchmark goes on from there.
     """
     lines = file.read_text("utf-8").splitlines() if file and file.exists() else []
-    rows = [json.loads(line) for line in lines if line.endswith("}")]
+    rows: list[Row] = [json.loads(line) for line in lines if line.endswith("}")]
     yield from rows
-    done = {row["flight"] for row in rows}
-    todo = (hall for hall in halls if hall.name() not in done)
+    done = {row["job"] for row in rows}
+    todo = (job for job in jobs if job.name() not in done)
     with ProcessPoolExecutor(workers) as pool:
-        flying: set[Future[Row]] = set()
+        under_way: set[Future[Row]] = set()
         while True:
             if not is_enough(rows):
-                free = range(workers - len(flying))
-                flying |= {pool.submit(fly, hall) for _, hall in zip(free, todo, strict=False)}
-            if not flying:
+                free = range(workers - len(under_way))
+                under_way |= {pool.submit(_do, job) for _, job in zip(free, todo, strict=False)}
+            if not under_way:
                 return
-            landed, flying = wait(flying, return_when=FIRST_COMPLETED)
-            for row in (future.result() for future in landed):
+            finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+            for row in (future.result() for future in finished):
                 rows.append(row)
                 if file:
                     with file.open("a", encoding="utf-8") as log:
@@ -113,7 +122,5 @@ def fly_all(
                 yield row
 
 
-def mean_and_half_width(values: list[float]) -> tuple[float, float]:
-    """Give a mean and half the width of its 95 % interval; 0 for a single value."""
-    spread = stdev(values) if len(values) > 1 else 0.0
-    return fmean(values), 1.96 * spread / math.sqrt(len(values))
+def _do(job: Job) -> Row:
+    return {"job": job.name(), **job.do()}

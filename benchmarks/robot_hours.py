@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from many import Hall, Row, fly_all
+from many import Hall, Row, pursue
 
 RANGING = {"range_noise_m": 0.05, "bearing_noise_deg": 1.5, "delay_s": 0.2}
 """At 2 m a bearing that is 1.5 degrees off is 5 cm off."""
@@ -73,10 +73,10 @@ def main() -> None:
         return flown_s >= 3600.0 * options.hours or bool(time.monotonic() >= end_s)
 
     rows: list[Row] = []
-    for row in fly_all(halls(options.duration), options.file, options.workers, is_enough):
+    for row in pursue(halls(options.duration), options.file, options.workers, is_enough):
         rows.append(row)
         if row["contacts"] or row["troubles"]:
-            print(f"{row['flight']}: {row['contacts']} contacts, {row['troubles']}", flush=True)
+            print(f"{row['job']}: {row['contacts']} contacts, {row['troubles']}", flush=True)
         if len(rows) % 20 == 0:
             print(summary(rows), flush=True)
     print(summary(rows))
