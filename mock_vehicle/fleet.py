@@ -135,7 +135,7 @@ class Fleet:
         )
         self._infrared = Infrared(world)
         self.batteries = Batteries(self.n)
-        self.radio = Radio(self.sysids, spec.radio, rngs[1])
+        self.radio = Radio(self.sysids, spec.radio, rngs[1], world.walls_between)
         self.odometry = Odometry(self.starts_ned_m, sensors.odometry_drift_fraction, rngs[2])
         self.wind = Wind(spec.wind, self.n, rngs[3])
         self.gnss = Gnss(self.n, Reception[spec.gnss.reception.upper()], rngs[4])

@@ -16,6 +16,7 @@ from mock_vehicle.errors import WorldError
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.intp]
 
 CLEARANCE_CAP_M = 2.0
 """Clearances beyond this are reported as this, m."""
@@ -108,6 +109,18 @@ class OccupancyMap:
         inverse = np.where(parallel, 1e12, 1.0 / np.where(parallel, 1.0, slopes))
         march = _March(self.cells(origins_m), slopes, ahead, inverse)
         return self._march(march, starts, ends)
+
+    def crossings(self, origins_m: Floats, directions: Floats, lengths_m: Floats) -> Ints:
+        """Count (r,) walls of solid cells that (r, 3) rays enter within (r,) lengths, m.
+
+        Looked at every half cell, so a corner that is cut by less may be missed.
+        """
+        looks = int(lengths_m.max(initial=0.0) / (0.5 * self.cell_m)) + 1
+        along = np.linspace(0.0, 1.0, looks + 1) * lengths_m[:, None]
+        points = origins_m[:, None, :] + along[:, :, None] * directions[:, None, :]
+        solid = self.occupied(points.reshape(-1, 3)).reshape(along.shape)
+        counts: Ints = (solid[:, 1:] & ~solid[:, :-1]).sum(axis=1) + solid[:, 0]
+        return counts
 
     def plumb(self, points_ned_m: Floats) -> Floats:
         """Measure (n, 2) distances up and down to solid cells, m: their tops, 0 inside, or inf."""

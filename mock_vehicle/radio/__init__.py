@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mock_vehicle.radio.air import NOTHING, Received, Transmission
+from mock_vehicle.radio.channel import Channel
 from mock_vehicle.radio.figures import Fate, Figures
 from mock_vehicle.radio.partition import Partition
+from mock_vehicle.radio.path_loss import PathLoss, Walls
 from mock_vehicle.radio.ranging import Ranging
 from mock_vehicle.radio.stray import Parcel, Stray
 from mock_vehicle.sensors.readings import PeerFix
@@ -21,13 +23,24 @@ BOOLS = NDArray[np.bool_]
 INDICES = NDArray[np.intp]
 
 
+def no_walls(a_m: FLOATS, b_m: FLOATS) -> INDICES:  # noqa: ARG001
+    """Count the solids between (k, 3) pairs of points of an open field."""
+    return np.zeros(len(a_m), dtype=np.intp)
+
+
 class Radio:
     """The radios of a whole fleet; as it comes, whoever is powered and in the radius is heard.
 
     What goes beyond an ideal disc draws from generators of its own: a disc draws as ever.
     """
 
-    def __init__(self, sysids: Sequence[int], spec: RadioSpec, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        sysids: Sequence[int],
+        spec: RadioSpec,
+        rng: np.random.Generator,
+        walls: Walls = no_walls,
+    ) -> None:
         self._sysids = list(sysids)
         self._spec = spec
         self._rng = rng
@@ -41,8 +54,13 @@ class Radio:
         self._fate = np.full((n, n), Fate.OFF_AIR, dtype=np.int8)
         self._silent = np.zeros(n, dtype=bool)
         self._air: list[Transmission] = []
-        self._stray = Stray(spec, *rng.spawn(1))
+        for_stray, for_path, for_channel = rng.spawn(3)
+        self._stray = Stray(spec, for_stray)
         self._ranging = None if spec.ranging is None else Ranging(spec.ranging, sysids, rng)
+        self._channel = None if spec.channel is None else Channel(spec.channel, n, for_channel)
+        self._path_loss = None
+        if spec.path_loss is not None:
+            self._path_loss = PathLoss(spec.path_loss, spec.radius_m, n, walls, for_path)
         self._partitions = [Partition(one, self._sysids) for one in spec.partitions]
 
     def silence(self, sysid: int) -> None:
@@ -59,7 +77,10 @@ class Radio:
 
     def update(self, distances_m: FLOATS, alive: BOOLS, position_ned_m: FLOATS, now: float) -> None:
         """Find the links for (n, n) distances; a radio that is dead or silenced has none."""
-        fate = (distances_m > self._spec.radius_m) * np.int8(Fate.RANGE)
+        if self._path_loss is None:
+            fate = (distances_m > self._spec.radius_m) * np.int8(Fate.RANGE)
+        else:
+            fate = self._path_loss.fates(distances_m, position_ned_m, now)
         for partition in self._partitions:
             if partition.lasts(now):
                 fate[partition.parts(position_ned_m) & (fate == Fate.HEARD)] = Fate.PARTITION
@@ -82,10 +103,18 @@ class Radio:
 
     def send(self, index: int, frame: bytes, now: float) -> None:
         """Put a broadcast frame on the air; it arrives after the delay, at the next `carry`."""
-        self._air.append(Transmission(now + self._spec.delay_s, index, frame, now))
+        if self._channel is None:
+            self._air.append(Transmission(now + self._spec.delay_s, index, frame, now))
+        elif not self._channel.send(index, frame, now):
+            fates = self._fate[[index]]
+            fates[fates == Fate.HEARD] = Fate.QUEUE
+            self.figures.meet(np.array([index]), fates)
 
     def carry(self, now: float) -> list[tuple[int, bytes]]:
         """Take what arrives by `now`: (hearer index, frame), in the order of time and sender."""
+        if self._channel is not None:
+            sent, delay_s = self._channel.run(now, self.linked), self._spec.delay_s
+            self._air += [one._replace(due_s=one.due_s + delay_s) for one in sent]
         received = self._receive(now) if self._air else NOTHING
         if self._stray.is_needed:
             self._stray.hold(received)
@@ -101,6 +130,12 @@ class Radio:
             return NOTHING
         senders = np.array([one.sender for one in due])
         fates = self._fate[senders]
+        for row, one in enumerate(due):
+            if one.spoilt:
+                at = list(one.spoilt)
+                fates[row, at] = np.where(
+                    fates[row, at] == Fate.HEARD, Fate.COLLISION, fates[row, at]
+                )
         rows, hearers = np.nonzero(fates == Fate.HEARD)
         lost = ~self._receives(hearers, senders[rows])
         fates[rows[lost], hearers[lost]] = Fate.LOSS

@@ -20,6 +20,8 @@ class Transmission(NamedTuple):
     frame: bytes
     sent_s: float
     """When it was handed over to the radio."""
+    spoilt: tuple[int, ...] = ()
+    """Indices of those who could not make it out, if they were in reach."""
 
 
 class Received(NamedTuple):

@@ -22,9 +22,17 @@ class Fate(enum.IntEnum):
     """One of the two has no power or no radio."""
     RANGE = 2
     """Too far away."""
-    PARTITION = 3
+    WALLS = 3
+    """In range, but for the walls between them."""
+    FADING = 4
+    """In range, but for the shadowing of this link at this time."""
+    PARTITION = 5
     """The swarm has fallen apart between them."""
-    LOSS = 4
+    QUEUE = 6
+    """The sender had too many waiting."""
+    COLLISION = 7
+    """Another was sending at the same time, near enough to be heard."""
+    LOSS = 8
     """Lost by chance."""
 
 

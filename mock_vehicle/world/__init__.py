@@ -37,6 +37,7 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.intp]
 
 _SEE_TOLERANCE_M = 1e-3
 """How far short of a point a surface may lie that the point itself is on, m."""
@@ -164,6 +165,19 @@ class World:
         seen_to = self.cast(a_m, directions, float(distance.max(initial=0.0)))
         clear: Bools = seen_to >= distance - _SEE_TOLERANCE_M
         return clear
+
+    def walls_between(self, a_m: Floats, b_m: Floats) -> Ints:
+        """Count, for (n, 3) pairs of points, the solids in the line of sight; (n,).
+
+        Pieces that touch are one, as the wall beside a door and the one above it.
+        """
+        away = b_m - a_m
+        lengths = np.sqrt((away * away).sum(axis=1))
+        directions = away / np.maximum(lengths, 1e-9)[:, None]
+        counts = self._shapes.crossings(a_m, directions, lengths)
+        if self._map is not None:
+            counts += self._map.crossings(a_m, directions, lengths)
+        return counts
 
     def occupancy(self, cell_m: float, height_m: float) -> Grid:
         """Slice the world at a height; a cell is blocked when its centre is in something solid."""

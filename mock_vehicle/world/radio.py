@@ -75,6 +75,34 @@ class PartitionSpec(Section):
         return self
 
 
+class PathLossSpec(Section):
+    """What weakens a signal on its way, and by how much; `radius_m` is the range in the open."""
+
+    exponent: Positive = 2.0
+    """Exponent of the log-distance law; 2 in free space, larger ends sooner behind a wall."""
+    wall_db: NotNegative = 5.0
+    """Attenuation by each solid in the line of sight, dB."""
+    shadowing_db: NotNegative = 0.0
+    """Standard deviation of the log-normal shadowing of a link, dB."""
+    shadowing_m: Positive = 5.0
+    """Way flown by the two together over which the shadowing's correlation falls to 1/e, m."""
+    shadowing_s: Positive | None = None
+    """Time over which it does so with both at rest, s; null: never."""
+
+
+class ChannelSpec(Section):
+    """One frequency that all share: who hears somebody send waits, and two at once spoil both."""
+
+    bit_rate_bit_s: Positive = 250_000.0
+    """Bits of frames carried in a second, bit/s."""
+    slot_s: Positive = 0.00032
+    """Time in which a start of sending is not yet heard by others, s; back-off counts in it."""
+    window_slots: Annotated[int, Field(strict=True, ge=1)] = 32
+    """Back-off is 0 to this many slots, less one; larger collides less and waits longer."""
+    queue_frames: Annotated[int, Field(strict=True, ge=1)] = 20
+    """Frames that wait in a radio at most; what comes then is lost."""
+
+
 def _measures(value: Any) -> Any:
     """Read `ranging: true` as without errors, and `ranging: false` as none."""
     return {True: {}, False: None}[value] if isinstance(value, bool) else value
@@ -97,6 +125,10 @@ class RadioSpec(Section):
     """Share of frames that are held back, so that later ones overtake them."""
     reorder_hold_s: NotNegative = 0.2
     """For how long they are held back, s."""
+    path_loss: PathLossSpec | None = None
+    """Walls and shadowing; null: the range is the same everywhere."""
+    channel: ChannelSpec | None = None
+    """What frames share; null: there is room for all at once."""
     partitions: tuple[PartitionSpec, ...] = ()
     """When the swarm falls apart, and how."""
     ranging: Annotated[

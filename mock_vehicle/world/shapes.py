@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from mock_vehicle.world.ring import Ring
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
 Interval = tuple[Floats, Floats]
 Beyond = Callable[["_Columns", Floats], Floats]
 
 _ROOTS_M = 1.0
 """How far shapes on the floor reach below it, so that no ray slips along the floor, m."""
+_SEAM_M = 1e-6
+"""Nearer to each other, pieces belong to one wall, m."""
 _CHUNK = 16_384
 """Rays times shapes looked at together; larger leaves the processor's cache."""
 
@@ -71,6 +74,20 @@ class Shapes:
                 near = columns.enter(origins_m[rows], directions[rows], span)
                 nearest[rows] = np.minimum(nearest[rows], near)
         return nearest
+
+    def crossings(self, origins_m: Floats, directions: Floats, lengths_m: Floats) -> Ints:
+        """Count (r,) shapes that (r, 3) rays pass within (r,) lengths; touching ones are one."""
+        counts = np.zeros(len(origins_m), dtype=np.intp)
+        every = max(1, self._boxes.count + self._cylinders.count)
+        step = max(1, _CHUNK // every)
+        for rows in (slice(k, k + step) for k in range(0, len(origins_m), step)):
+            spans = [
+                columns.through(origins_m[rows], directions[rows], lengths_m[rows], span)
+                for columns, span in ((self._boxes, _box_span), (self._cylinders, _cylinder_span))
+            ]
+            near, far = (np.concatenate(ends, axis=1) for ends in zip(*spans, strict=True))
+            counts[rows] = _separate(near, far)
+        return counts
 
     def scan(self, ring: Ring, max_range_m: float) -> None:
         """Stop level rays at the shapes within the range."""
@@ -139,15 +156,35 @@ class _Columns:
 
     def enter(self, origins_m: Floats, directions: Floats, span: Callable[..., Interval]) -> Floats:
         """Measure (r,) distances to the nearest shape that a ray enters."""
+        near, far = self._within(origins_m, directions, span)
+        near[near >= far] = np.inf
+        nearest: Floats = near.min(axis=1)
+        return nearest
+
+    def through(
+        self,
+        origins_m: Floats,
+        directions: Floats,
+        lengths_m: Floats,
+        span: Callable[..., Interval],
+    ) -> Interval:
+        """Measure where rays enter and leave every shape, (r, m); inf and -inf where they miss."""
+        near, far = self._within(origins_m, directions, span)
+        np.minimum(far, lengths_m[:, None], out=far)
+        missed = near >= far
+        near[missed], far[missed] = np.inf, -np.inf
+        return near, far
+
+    def _within(
+        self, origins_m: Floats, directions: Floats, span: Callable[..., Interval]
+    ) -> Interval:
         near, far = span(self, origins_m, directions)
         down = origins_m[:, 2:] - self.middle_down
         low, high = _slab(down, directions[:, 2:], self.half_height)
         np.maximum(near, low, out=near)
         np.minimum(far, high, out=far)
         np.maximum(near, 0.0, out=near)
-        near[near >= far] = np.inf
-        nearest: Floats = near.min(axis=1)
-        return nearest
+        return near, far
 
     def plumb(self, points_m: Floats, beyond: Beyond) -> Floats:
         """Measure (n, 2) distances up and down to the nearest shape."""
@@ -168,6 +205,17 @@ class _Columns:
         inside += np.sqrt(np.einsum("nkm,nkm->nm", outside, outside))
         nearest: Floats = inside.min(axis=1)
         return nearest
+
+
+def _separate(near_m: Floats, far_m: Floats) -> Ints:
+    """Count, in each row of (r, m) intervals, those that neither overlap nor touch."""
+    order = np.argsort(near_m, axis=1)
+    near_m = np.take_along_axis(near_m, order, axis=1)
+    end_m = np.maximum.accumulate(np.take_along_axis(far_m, order, axis=1), axis=1)
+    is_first = np.isfinite(near_m)
+    is_first[:, 1:] &= near_m[:, 1:] > end_m[:, :-1] + _SEAM_M
+    counts: Ints = is_first.sum(axis=1)
+    return counts
 
 
 def _slab(offset: Floats, slope: Floats, half: Floats) -> Interval:

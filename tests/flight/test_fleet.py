@@ -140,6 +140,7 @@ def test_same_seed_same_bytes(launch: Launch) -> None:
 sensors: {range_noise_m: 0.05, odometry_drift_fraction: 0.02}
 wind: {speed_m_s: 2, gust_m_s: 0.5}
 radio: {radius_m: 20, loss_fraction: 0.2, delay_s: 0.05, jitter_s: 0.05, duplicate_fraction: 0.1,
+        path_loss: {shadowing_db: 6}, channel: {bit_rate_bit_s: 19200},
         ranging: {bearing_noise_deg: 3, range_noise_m: 0.1}}
 """
     )

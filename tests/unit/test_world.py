@@ -169,6 +169,57 @@ def test_sight_goes_through_doors_and_not_through_walls(build: Build) -> None:
     assert room.line_of_sight(ned(5, 4), ned(7.9, 4))[0], "the face of a wall is seen"
 
 
+@pytest.mark.parametrize(
+    ("a", "b", "walls"),
+    [
+        ((5, 2, 1), (9, 2, 1), 0),
+        ((5, 2, 1), (13, 2, 1), 1),
+        ((15, 2, 1), (5, 2, 1), 2),  # the column too
+        ((5, 6, 1), (15, 6, 1), 0),  # through the door
+        ((5, 6, 2.5), (15, 6, 2.5), 1),  # above its lintel
+        ((5, 4.3, 2.5), (15, 6.1, 2.5), 1),  # out of the wall's piece beside it into that above
+        ((5, 2, 1), (19, 2, 1), 3),
+        ((17, 2, 1), (19, 2, 1), 1),  # begins in the box
+        ((5, 2, 1), (18, 2, 2.9), 1),  # over the box
+    ],
+)
+def test_walls_between_two_are_counted(
+    build: Build, a: tuple[float, ...], b: tuple[float, ...], walls: int
+) -> None:
+    room = build(
+        walls=[
+            {
+                "from_m": [10, 0],
+                "to_m": [10, 10],
+                "doors": [{"at_m": 6, "width_m": 1.6, "height_m": 2.2}],
+            }
+        ],
+        boxes=[{"center_m": [16.5, 2], "size_m": [2, 2], "height_m": 1.5}],
+        cylinders=[{"center_m": [14, 2], "radius_m": 0.2, "height_m": 1.5}],
+    )
+    assert room.walls_between(ned(*a), ned(*b)).tolist() == [walls]
+
+
+def test_walls_between_many_are_those_between_each_two() -> None:
+    office = load_world(WORLDS / "office.yaml")
+    chance = np.random.default_rng(1)
+    a, b = (chance.uniform(office.low_ned_m, office.high_ned_m, (3000, 3)) for _ in range(2))
+    together = office.walls_between(a, b)
+    assert np.array_equal(together == 0, office.line_of_sight(a, b))
+    alone = [int(office.walls_between(a[k : k + 1], b[k : k + 1])[0]) for k in range(100)]
+    assert together[:100].tolist() == alone
+    assert together.max() >= 6
+
+
+def test_walls_of_a_map_are_counted_as_those_of_a_plan() -> None:
+    office = load_world(WORLDS / "small_office_map.yaml")
+    chance = np.random.default_rng(1)
+    a, b = (chance.uniform(office.low_ned_m, office.high_ned_m, (2000, 3)) for _ in range(2))
+    a[:, 2] = b[:, 2] = -1.0
+    agree = (office.walls_between(a, b) == 0) == office.line_of_sight(a, b)
+    assert agree.mean() > 0.995  # corners that are cut by less than half a cell
+
+
 def test_clearance_is_positive_outside_and_negative_inside(build: Build) -> None:
     room = build(
         boxes=[{"center_m": [10, 5], "size_m": [4, 2], "yaw_deg": 90, "height_m": 1.0}],
