@@ -21,6 +21,7 @@ from mock_vehicle.world.radio import RadioSpec
 FLOATS = NDArray[np.float64]
 BOOLS = NDArray[np.bool_]
 INDICES = NDArray[np.intp]
+OUT_OF_RANGE = np.int8(Fate.RANGE)
 
 
 def no_walls(a_m: FLOATS, b_m: FLOATS) -> INDICES:  # noqa: ARG001
@@ -52,6 +53,7 @@ class Radio:
         self.figures = Figures(self._sysids)
         """What became of all frames."""
         self._fate = np.full((n, n), Fate.OFF_AIR, dtype=np.int8)
+        self._itself = np.eye(n, dtype=bool)
         self._silent = np.zeros(n, dtype=bool)
         self._air: list[Transmission] = []
         for_stray, for_path, for_channel = rng.spawn(3)
@@ -78,16 +80,15 @@ class Radio:
     def update(self, distances_m: FLOATS, alive: BOOLS, position_ned_m: FLOATS, now: float) -> None:
         """Find the links for (n, n) distances; a radio that is dead or silenced has none."""
         if self._path_loss is None:
-            fate = (distances_m > self._spec.radius_m) * np.int8(Fate.RANGE)
+            fate = ((distances_m > self._spec.radius_m) | self._itself) * OUT_OF_RANGE
         else:
             fate = self._path_loss.fates(distances_m, position_ned_m, now)
         for partition in self._partitions:
             if partition.lasts(now):
                 fate[partition.parts(position_ned_m) & (fate == Fate.HEARD)] = Fate.PARTITION
         off_air = ~alive | self._silent
-        fate[off_air, :] = Fate.OFF_AIR
-        fate[:, off_air] = Fate.OFF_AIR
-        np.fill_diagonal(fate, Fate.OFF_AIR)
+        if off_air.any():
+            fate[off_air, :] = fate[:, off_air] = Fate.OFF_AIR
         self._fate, self.linked = fate, fate == Fate.HEARD
 
     def fixes(
@@ -97,9 +98,10 @@ class Radio:
         if self._ranging is None:
             return [[] for _ in self._sysids]
         hearer, peer = np.nonzero(self.linked)
-        received = self._receives(hearer, peer)
-        pairs = hearer[received], peer[received]
-        return self._ranging.measure(pairs, position_ned_m, attitude_rad, now)
+        if self._is_lossy:
+            received = self._receives(hearer, peer)
+            hearer, peer = hearer[received], peer[received]
+        return self._ranging.measure((hearer, peer), position_ned_m, attitude_rad, now)
 
     def send(self, index: int, frame: bytes, now: float) -> None:
         """Put a broadcast frame on the air; it arrives after the delay, at the next `carry`."""
@@ -119,6 +121,8 @@ class Radio:
         if self._stray.is_needed:
             self._stray.hold(received)
             return self._come_in(self._stray.take(now), now)
+        if not received.transmissions:
+            return []
         self.figures.deliver(received, now)
         return [(hearer, one.frame) for hearer, one in received.pairs()]
 
@@ -137,31 +141,31 @@ class Radio:
                     fates[row, at] == Fate.HEARD, Fate.COLLISION, fates[row, at]
                 )
         rows, hearers = np.nonzero(fates == Fate.HEARD)
-        lost = ~self._receives(hearers, senders[rows])
-        fates[rows[lost], hearers[lost]] = Fate.LOSS
+        if self._is_lossy:
+            received = self._receives(hearers, senders[rows])
+            fates[rows[~received], hearers[~received]] = Fate.LOSS
+            rows, hearers = rows[received], hearers[received]
         self.figures.meet(senders, fates)
-        return Received(due, rows[~lost], hearers[~lost])
+        return Received(due, rows, hearers)
 
     def _come_in(self, parcels: list[Parcel], now: float) -> list[tuple[int, bytes]]:
         first = [parcel for parcel in parcels if not parcel.is_copy]
-        self.figures.deliver(
-            Received(
-                [parcel.transmission for parcel in first],
-                np.arange(len(first)),
-                np.array([parcel.hearer for parcel in first], dtype=np.intp),
-            ),
-            now,
-        )
+        if first:
+            hearers = np.array([parcel.hearer for parcel in first])
+            every = [parcel.transmission for parcel in first]
+            self.figures.deliver(Received(every, np.arange(len(first)), hearers), now)
         for parcel in parcels:
-            self.figures.duplicates[parcel.transmission.sender, parcel.hearer] += parcel.is_copy
+            if parcel.is_copy:
+                self.figures.repeat(parcel.transmission.sender, parcel.hearer)
         return [(parcel.hearer, parcel.transmission.frame) for parcel in parcels]
+
+    @property
+    def _is_lossy(self) -> bool:
+        return self._spec.loss_fraction > 0.0 or bool(self.extra_loss.any())
 
     def _receives(self, hearer: INDICES, talker: INDICES) -> BOOLS:
         """Lose a fraction of the transmissions."""
-        if self._spec.loss_fraction <= 0.0 and not self.extra_loss.any():
-            return np.ones(len(hearer), dtype=bool)
         extra = np.maximum(self.extra_loss[hearer], self.extra_loss[talker])
-        received: BOOLS = self._rng.random(len(hearer)) >= np.maximum(
-            self._spec.loss_fraction, extra
-        )
+        lost = np.maximum(self._spec.loss_fraction, extra)
+        received: BOOLS = self._rng.random(len(hearer)) >= lost
         return received

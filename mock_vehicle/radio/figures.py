@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 from mock_vehicle.radio.air import Received
 
 INDICES = NDArray[np.intp]
+COUNTS = NDArray[np.int64]
+FATES = NDArray[np.int8]
+FLOATS = NDArray[np.float64]
 
 
 class Fate(enum.IntEnum):
@@ -37,72 +41,140 @@ class Fate(enum.IntEnum):
 
 
 OUT_OF_REACH = (Fate.OFF_AIR, Fate.RANGE)
+SETTLE_FRAMES = 512
+"""So many frames are counted together: numpy's calls cost more than what they do."""
+
+
+@dataclass
+class Totals:
+    """Counts per directed link, (n, n) each: from the sender (row) to the hearer (column)."""
+
+    sent: COUNTS
+    """Frames of each sender, (n,)."""
+    fates: COUNTS
+    """Frames by what became of them, (fates, n, n)."""
+    delivered: COUNTS
+    duplicates: COUNTS
+    """Second copies, not among the delivered."""
+    delivered_bytes: COUNTS
+    delay_s: FLOATS
+    """Sum of the delays of all delivered."""
+    delay_max_s: FLOATS
+
+    @classmethod
+    def blank(cls, n: int) -> Totals:
+        """Count nothing yet."""
+        links, frames = (n, n), np.int64
+        return cls(
+            np.zeros(n, frames),
+            np.zeros((len(Fate), *links), frames),
+            np.zeros(links, frames),
+            np.zeros(links, frames),
+            np.zeros(links, frames),
+            np.zeros(links),
+            np.zeros(links),
+        )
 
 
 class Figures:
-    """Counts per directed link, (n, n) each: from the sender (row) to the hearer (column)."""
+    """Counts what becomes of all frames."""
 
     def __init__(self, sysids: Sequence[int]) -> None:
         self._sysids = list(sysids)
-        n = len(self._sysids)
-        self._everyone = np.arange(n)
-        self.sent = np.zeros(n, dtype=np.int64)
-        """Frames of each sender, (n,)."""
-        self.fates = np.zeros((len(Fate), n, n), dtype=np.int64)
-        """Frames by what became of them."""
-        self.delivered = np.zeros((n, n), dtype=np.int64)
-        self.duplicates = np.zeros((n, n), dtype=np.int64)
-        self.delivered_bytes = np.zeros((n, n), dtype=np.int64)
-        self.delay_s = np.zeros((n, n))
-        """Sum of all delays; those of duplicates do not count."""
-        self.delay_max_s = np.zeros((n, n))
+        self._totals = Totals.blank(len(self._sysids))
+        self._met: list[tuple[INDICES, FATES]] = []
+        self._delivered: list[tuple[Received, float]] = []
+        self._frames = 0
 
-    def meet(self, senders: INDICES, fates: NDArray[np.int8]) -> None:
-        """Count what becomes of k frames at all n hearers: (k,) indices, (k, n) fates."""
-        np.add.at(self.sent, senders, 1)
-        np.add.at(self.fates, (fates, senders[:, None], self._everyone), 1)
+    def meet(self, senders: INDICES, fates: FATES) -> None:
+        """Note what becomes of k frames at all n hearers: (k,) indices, (k, n) fates."""
+        self._met.append((senders, fates))
+        self._frames += len(senders)
+        if self._frames >= SETTLE_FRAMES:
+            self.totals()
 
     def deliver(self, received: Received, now: float) -> None:
-        """Count what hearers have now."""
-        every = received.transmissions
-        if not every:
-            return
-        rows = received.rows
-        link = np.array([one.sender for one in every])[rows], received.hearers
-        delay_s = now - np.array([one.sent_s for one in every])[rows]
-        np.add.at(self.delivered, link, 1)
-        np.add.at(self.delivered_bytes, link, np.array([len(one.frame) for one in every])[rows])
-        np.add.at(self.delay_s, link, delay_s)
-        np.maximum.at(self.delay_max_s, link, delay_s)
+        """Note what hearers have now."""
+        self._delivered.append((received, now))
+
+    def repeat(self, sender: int, hearer: int) -> None:
+        """Note a second copy that a hearer has."""
+        self._totals.duplicates[sender, hearer] += 1
+
+    def totals(self) -> Totals:
+        """Count all that was noted."""
+        if self._met:
+            self._settle_fates()
+        if self._delivered:
+            self._settle_deliveries()
+        self._frames = 0
+        return self._totals
+
+    def _settle_fates(self) -> None:
+        senders = np.concatenate([one for one, _ in self._met])
+        fates = np.concatenate([one for _, one in self._met])
+        n, totals = len(self._sysids), self._totals
+        totals.sent += np.bincount(senders, minlength=n)
+        at = (fates.astype(np.intp) * n + senders[:, None]) * n + np.arange(n)
+        totals.fates += np.bincount(at.ravel(), minlength=totals.fates.size).reshape(-1, n, n)
+        self._met = []
+
+    def _settle_deliveries(self) -> None:
+        batches, totals = self._delivered, self._totals
+        self._delivered = []
+        begins = np.cumsum([0] + [len(received.transmissions) for received, _ in batches])
+        rows = np.concatenate(
+            [r.rows + begin for (r, _), begin in zip(batches, begins, strict=False)]
+        )
+        about = [
+            (one.sender, len(one.frame), now - one.sent_s)
+            for received, now in batches
+            for one in received.transmissions
+        ]
+        senders, sizes, delays_s = np.array(about).T[:, rows]
+        n = len(self._sysids)
+        link = senders.astype(np.intp) * n + np.concatenate([r.hearers for r, _ in batches])
+        totals.delivered += _sums(link, None, n).astype(np.int64)
+        totals.delivered_bytes += _sums(link, sizes, n).astype(np.int64)
+        totals.delay_s += _sums(link, delays_s, n)
+        np.maximum.at(totals.delay_max_s.reshape(-1), link, delays_s)
 
     def report(self) -> dict[str, Any]:
         """Collect the figures of every link that was ever in reach, in JSON values."""
-        within = self.fates.sum(axis=0) > self.fates[list(OUT_OF_REACH)].sum(axis=0)
+        totals = self.totals()
+        within = totals.fates.sum(axis=0) > totals.fates[list(OUT_OF_REACH)].sum(axis=0)
         rows, columns = np.nonzero(within)
         return {
             "vehicles": [
                 {"sysid": sysid, "sent": sent}
-                for sysid, sent in zip(self._sysids, self.sent.tolist(), strict=True)
+                for sysid, sent in zip(self._sysids, totals.sent.tolist(), strict=True)
             ],
             "links": [
-                self._link(*link) for link in zip(rows.tolist(), columns.tolist(), strict=True)
+                {"from": self._sysids[sender], "to": self._sysids[hearer]}
+                | _link(totals, sender, hearer)
+                for sender, hearer in zip(rows.tolist(), columns.tolist(), strict=True)
             ],
         }
 
-    def _link(self, sender: int, hearer: int) -> dict[str, Any]:
-        fates = self.fates[:, sender, hearer].tolist()
-        delivered = int(self.delivered[sender, hearer])
-        return {
-            "from": self._sysids[sender],
-            "to": self._sysids[hearer],
-            "sent": sum(fates),
-            "delivered": delivered,
-            "lost": {fate.name.lower(): fates[fate] for fate in Fate if fate and fates[fate]},
-            "duplicates": int(self.duplicates[sender, hearer]),
-            "bytes": int(self.delivered_bytes[sender, hearer]),
-            "delay_mean_s": _rounded(self.delay_s[sender, hearer] / max(delivered, 1)),
-            "delay_max_s": _rounded(self.delay_max_s[sender, hearer]),
-        }
+
+def _sums(link: INDICES, values: FLOATS | None, n: int) -> NDArray[Any]:
+    """Add up values, or ones, by link (sender * n + hearer); (n, n)."""
+    sums: NDArray[Any] = np.bincount(link, values, n * n).reshape(n, n)
+    return sums
+
+
+def _link(totals: Totals, sender: int, hearer: int) -> dict[str, Any]:
+    fates = totals.fates[:, sender, hearer].tolist()
+    delivered = int(totals.delivered[sender, hearer])
+    return {
+        "sent": sum(fates),
+        "delivered": delivered,
+        "lost": {fate.name.lower(): fates[fate] for fate in Fate if fate and fates[fate]},
+        "duplicates": int(totals.duplicates[sender, hearer]),
+        "bytes": int(totals.delivered_bytes[sender, hearer]),
+        "delay_mean_s": _rounded(totals.delay_s[sender, hearer] / max(delivered, 1)),
+        "delay_max_s": _rounded(totals.delay_max_s[sender, hearer]),
+    }
 
 
 def _rounded(seconds: float) -> float:

@@ -56,7 +56,7 @@ class PathLoss:
             Fate.HEARD,
             np.where(margin_db < 0.0, Fate.RANGE, np.where(behind_db < 0, Fate.WALLS, Fate.FADING)),
         )
-        fates = np.zeros(distances_m.shape, dtype=np.int8)
+        fates = np.full(distances_m.shape, Fate.RANGE, dtype=np.int8)
         fates[first, second] = fates[second, first] = fate
         return fates
 

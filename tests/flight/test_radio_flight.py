@@ -25,7 +25,7 @@ def test_four_explore_a_wing_of_offices_on_a_radio_that_walls_weaken(launch: Lau
     flight.fly_to_the_end()
     assert flight.all_in("done")
     assert flight.arena.fleet.referee.collisions == 0
-    figures = flight.arena.fleet.radio.figures
+    figures = flight.arena.fleet.radio.figures.totals()
     for fate in (Fate.HEARD, Fate.WALLS, Fate.COLLISION, Fate.LOSS):
         assert figures.fates[fate].sum() > 0, fate.name
     assert figures.duplicates.sum() > 0

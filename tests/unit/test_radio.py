@@ -389,7 +389,7 @@ def test_figures_account_for_every_frame_of_every_link() -> None:
     assert link["delivered"] == 200 - sum(link["lost"].values())
     assert link["bytes"] == 50 * link["delivered"]
     assert link["delay_mean_s"] == link["delay_max_s"] == pytest.approx(0.1)
-    assert air.figures.fates[Fate.RANGE, 0, 2] == 200
+    assert air.figures.totals().fates[Fate.RANGE, 0, 2] == 200
 
 
 def test_figures_count_duplicates_apart() -> None:
@@ -450,7 +450,11 @@ def test_what_a_wall_takes_is_told_from_what_the_distance_takes() -> None:
     listen(air, at)
     air.send(0, b"beacon", 0.0)
     assert air.carry(0.0) == []
-    assert air.figures.fates[Fate.WALLS, 0, 1] == air.figures.fates[Fate.RANGE, 0, 2] == 1
+    assert (
+        air.figures.totals().fates[Fate.WALLS, 0, 1]
+        == air.figures.totals().fates[Fate.RANGE, 0, 2]
+        == 1
+    )
 
 
 def test_shadowing_lets_half_of_the_links_through_at_the_radius() -> None:
@@ -521,7 +525,7 @@ def talk(air: Radio, senders: list[int], seconds: float, frame: bytes = bytes(10
 
 def lost(air: Radio, fate: Fate, sender: int, hearer: int) -> float:
     """Give the share of what was on the air that ended so at a hearer."""
-    fates = air.figures.fates[:, sender, hearer]
+    fates = air.figures.totals().fates[:, sender, hearer]
     on_air = fates[[Fate.HEARD, Fate.COLLISION, Fate.LOSS]].sum()
     return float(fates[fate] / on_air)
 
@@ -530,7 +534,9 @@ def test_a_channel_carries_its_bit_rate_less_the_back_off() -> None:
     """A frame takes 800 bits / 100 kbit/s = 8 ms, and 15.5 slots of 0.1 ms until the next."""
     air = crowd(2, bit_rate_bit_s=100_000.0, slot_s=1e-4, window_slots=32)
     talk(air, [0], 60.0)
-    assert air.figures.delivered[0, 1] / 60.0 == pytest.approx(1.0 / (0.008 + 15.5e-4), rel=0.01)
+    assert air.figures.totals().delivered[0, 1] / 60.0 == pytest.approx(
+        1.0 / (0.008 + 15.5e-4), rel=0.01
+    )
 
 
 def test_two_that_hear_each_other_collide_once_in_as_many_slots() -> None:
@@ -542,7 +548,7 @@ def test_two_that_hear_each_other_collide_once_in_as_many_slots() -> None:
     talk(air, [0, 1], 40.0)
     p = 1.0 / 8.0
     assert lost(air, Fate.COLLISION, 0, 2) == pytest.approx(2.0 * p / (1.0 + p), abs=0.02)
-    shares = air.figures.delivered[[0, 1], 2]
+    shares = air.figures.totals().delivered[[0, 1], 2]
     assert shares[0] == pytest.approx(shares[1], rel=0.05)
 
 
@@ -575,7 +581,7 @@ def test_a_full_queue_loses_what_comes_and_is_counted() -> None:
     air = crowd(2, bit_rate_bit_s=8_000.0, queue_frames=3)
     for _ in range(10):
         air.send(0, bytes(100), 0.0)
-    assert air.figures.fates[Fate.QUEUE, 0, 1] == 7
+    assert air.figures.totals().fates[Fate.QUEUE, 0, 1] == 7
     for step in range(100):
         air.carry(0.01 * step)
     (link,) = air.figures.report()["links"]
@@ -586,7 +592,9 @@ def test_a_full_queue_loses_what_comes_and_is_counted() -> None:
 def test_cells_apart_do_not_share() -> None:
     air = crowd(4, [(0, 1), (2, 3)], bit_rate_bit_s=1e5, slot_s=1e-4)
     talk(air, [0, 2], 20.0)
-    assert air.figures.fates[Fate.COLLISION].sum() == 0
+    assert air.figures.totals().fates[Fate.COLLISION].sum() == 0
     alone = crowd(2, bit_rate_bit_s=1e5, slot_s=1e-4)
     talk(alone, [0], 20.0)
-    assert air.figures.delivered[0, 1] == pytest.approx(alone.figures.delivered[0, 1], rel=0.01)
+    assert air.figures.totals().delivered[0, 1] == pytest.approx(
+        alone.figures.totals().delivered[0, 1], rel=0.01
+    )
