@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -99,25 +100,34 @@ class Dynamics:
     ) -> None:
         if len(limits) != n:
             raise ValueError(f"{n} vehicles need {n} limits, not {len(limits)}")
-        self.position_ned_m: Floats = np.array(position_ned_m, dtype=np.float64).reshape(n, 3)
-        self.velocity_ned_m_s: Floats = np.zeros((n, 3))
-        self.acceleration_ned_m_s2: Floats = np.zeros((n, 3))
-        self.yaw_rad: Floats = np.array(yaw_rad, dtype=np.float64).reshape(n)
-        self.yaw_rate_rad_s: Floats = np.zeros(n)
+        self._motion: Floats = np.zeros((5, n, 3))
+        self.position_ned_m: Floats = self._motion[0]
+        self.velocity_ned_m_s: Floats = self._motion[1]
+        self.acceleration_ned_m_s2: Floats = self._motion[2]
+        self._thrust, self._integral = self._motion[3:]
+        self.position_ned_m[:] = np.asarray(position_ned_m, dtype=np.float64).reshape(n, 3)
+        self._turning: Floats = np.zeros((4, n))
+        self.yaw_rad, self.yaw_rate_rad_s = self._turning[:2]
+        self.target_yaw_rad, self.target_yaw_rate_rad_s = self._turning[2:]
+        self.yaw_rad[:], self._turning[2:] = yaw_rad, np.nan
         self.on_ground: NDArray[np.bool_] = self.position_ned_m[:, 2] >= 0.0
         self.control: NDArray[np.int8] = np.zeros(n, dtype=np.int8)
         self.motor_lost: NDArray[np.bool_] = np.zeros(n, dtype=bool)
         """Who cannot hold its attitude, whatever its controller follows, and drops."""
-        self.target_position_ned_m: Floats = np.full((n, 3), np.nan)
-        self.target_velocity_ned_m_s: Floats = np.zeros((n, 3))
-        self.target_yaw_rad: Floats = np.full(n, np.nan)
-        self.target_yaw_rate_rad_s: Floats = np.full(n, np.nan)
-        self._thrust: Floats = np.zeros((n, 3))
-        self._integral: Floats = np.zeros((n, 3))
+        self._targets: Floats = np.zeros((2, n, 3))
+        self.target_position_ned_m, self.target_velocity_ned_m_s = self._targets
+        self.target_position_ned_m[:] = np.nan
+        self._wind: Floats = np.zeros((n, 3))
+        self._advance: Callable[..., None] | None = None
         self._limits = list(limits)
         self._take_coefficients(self._limits)
         self._delay = _Delay(n, self._delay_s)
         self._dt = 0.0
+
+    def compile(self) -> None:
+        """Step by loops that numba compiles, where it is installed; the same bit for bit."""
+        if importlib.util.find_spec("numba") is not None:
+            self._advance = importlib.import_module("mock_vehicle.motion").advance
 
     @property
     def pitch_rad(self) -> Floats:
@@ -191,6 +201,30 @@ class Dynamics:
         self._lag_share = np.minimum(1.0, dt / (self._lag_s + TINY))
         self._jerk_step = self._jerk * dt
         self._yaw_step = self._yaw_accel * dt
+        self._axes = np.stack(
+            (
+                self._climb,
+                self._sink,
+                self._integral_step,
+                self._integral_error,
+                self._thrust_limit,
+                self._lag_share,
+                self._jerk_step,
+                self._drag,
+                self._known_drag,
+                self._damping,
+            )
+        )
+        self._loops = np.concatenate((self._answer.rows(), self._approach.rows()))
+        self._turn_limits = np.stack(
+            (
+                self._yaw_rate_limit,
+                self._yaw_accel,
+                self._yaw_gain,
+                self._yaw_step,
+                self._position_sink,
+            )
+        )
 
     def step(self, dt: float, wind_ned_m_s: Floats | tuple[float, float, float]) -> None:
         """Advance all vehicles by `dt` s in a wind of shape (3,) or (n, 3).
@@ -200,6 +234,9 @@ class Dynamics:
         if dt != self._dt:
             self._take_step(dt)
         running = (self.control != Control.OFF) & ~self.motor_lost
+        if self._advance is not None:
+            self._step_compiled(self._advance, dt, wind_ned_m_s, running)
+            return
         powered = running[:, None]
         velocity = self.velocity_ned_m_s
         all_running = bool(running.all())
@@ -219,6 +256,32 @@ class Dynamics:
         self.position_ned_m += velocity * dt
         self._turn(dt, running)
         self._touch_ground()
+
+    def _step_compiled(
+        self,
+        advance: Callable[..., None],
+        dt: float,
+        wind_ned_m_s: Floats | tuple[float, float, float],
+        running: NDArray[np.bool_],
+    ) -> None:
+        self._wind[:] = wind_ned_m_s
+        advance(
+            dt,
+            self._delay.turn(),
+            (self._has_damping, self._knows_drag, self._limits_jerk),
+            self._wind,
+            running,
+            self.control == Control.POSITION,
+            self.on_ground,
+            self._motion,
+            self._targets,
+            self._turning,
+            self._axes,
+            self._loops,
+            self._turn_limits,
+            self._delay.past,
+            self._delay.delayed,
+        )
 
     def stop_along(self, indices: NDArray[np.intp], normal: Floats) -> None:
         """Take from vehicles (k,) what goes against a normal, (k, 3): velocity, thrust, wind-up."""
@@ -288,26 +351,33 @@ class _Delay:
 
     def __init__(self, n: int, delay_s: Floats) -> None:
         self._delay_s = delay_s
-        self._past = np.zeros((1, n, 3))
-        self._delayed = np.zeros((1, n, 3), dtype=np.intp)
+        self.past: Floats = np.zeros((1, n, 3))
+        """The last values, the newest in row `turn` gave."""
+        self.delayed: NDArray[np.intp] = np.zeros((1, n, 3), dtype=np.intp)
+        """By that row: where in `past`, counted through, stands what is due."""
         self._head = 0
+
+    def turn(self) -> int:
+        """Go on by a step; give the row of the newest values."""
+        self._head = (self._head + 1) % len(self.past)
+        return self._head
 
     def push(self, now: Floats) -> Floats:
         """Take the newest values and give those that are due."""
-        self._head = (self._head + 1) % len(self._past)
-        self._past[self._head] = now
-        due: Floats = self._past.take(self._delayed[self._head])
+        head = self.turn()
+        self.past[head] = now
+        due: Floats = self.past.take(self.delayed[head])
         return due
 
     def resize(self, dt: float) -> None:
         """Start anew for another step, as if the last value had always been there."""
-        last = self._past[self._head]
+        last = self.past[self._head]
         steps = np.rint(self._delay_s / dt).astype(np.intp)
         length = int(steps.max(initial=0)) + 1
-        self._past = np.repeat(last[None], length, axis=0)
+        self.past = np.repeat(last[None], length, axis=0)
         heads = np.arange(length)[:, None, None]
         cells = np.arange(last.size).reshape(last.shape)
-        self._delayed = (heads - steps) % length * last.size + cells
+        self.delayed = (heads - steps) % length * last.size + cells
         self._head = 0
 
 
@@ -342,6 +412,18 @@ class _SqrtController:
         self._linear = second_order / (gain * gain)
         self._half_linear = 0.5 * self._linear
         self._twice_second_order = 2.0 * second_order
+
+    def rows(self) -> Floats:
+        """Give gain, limit, end of the proportion, half of it, and twice the second order."""
+        return np.stack(
+            (
+                self._gain,
+                self._limit,
+                self._linear,
+                self._half_linear,
+                self._twice_second_order,
+            )
+        )
 
     def __call__(self, error: Floats) -> Floats:
         """Give the answer to errors, (n, 3) as the coefficients."""

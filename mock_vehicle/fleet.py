@@ -141,6 +141,10 @@ class Fleet:
         self.gnss = Gnss(self.n, Reception[spec.gnss.reception.upper()], rngs[4])
         self.referee = Referee(world, self.vehicles, self.batteries, self.starts_ned_m)
 
+    def compile(self) -> None:
+        """Compile the hot loops where numba is installed: worth it for more than one flight."""
+        self.dynamics.compile()
+
     def sign_with(self, key: bytes, timestamp: int) -> None:
         """Give every vehicle the swarm's key; `timestamp` is that of mission time 0."""
         for vehicle in self.vehicles:

@@ -42,6 +42,7 @@ class Arena:
         self.controllers = controllers_for(mission, folder)
         self.notes: list[str] = []
         self.fleet = _fleet(mission, faults, world)
+        self.fleet.compile()
         self._is_mock_alive = True
         self._given_up_s = math.inf
         """When vehicles of a dead mock are given up."""

@@ -270,3 +270,32 @@ def test_who_is_stopped_keeps_what_leads_along_the_surface() -> None:
     assert dynamics.velocity_ned_m_s.tolist() == [[3.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
     dynamics.stop_along(np.array([0]), -south)  # away from the surface nothing is taken
     assert dynamics.velocity_ned_m_s[0].tolist() == [3.0, 1.0, 0.0]
+
+
+def _stirred(dynamics: Dynamics, dice: np.random.Generator) -> None:
+    """Give every vehicle something else to do, as fleets do, whatever it was about."""
+    n = len(dynamics.control)
+    dynamics.control[:] = dice.choice([Control.OFF, Control.VELOCITY, Control.POSITION], n)
+    dynamics.motor_lost[:] = dice.random(n) < 0.1
+    dynamics.target_velocity_ned_m_s[:] = dice.choice([-3.0, -0.0, 0.0, 0.5, 8.0], (n, 3))
+    dynamics.target_position_ned_m[:] = dice.choice([np.nan, -2.0, 0.0, 5.0], (n, 3))
+    dynamics.target_yaw_rad[:] = dice.choice([np.nan, 0.0, 3.0], n)
+    dynamics.target_yaw_rate_rad_s[:] = dice.choice([np.nan, 0.0, -4.0], n)
+
+
+@pytest.mark.parametrize("kinds", [["px4"], ["ardupilot"], ["px4", "ardupilot"] * 4])
+def test_compiled_vehicles_move_as_the_others_bit_for_bit(kinds: list[str]) -> None:
+    pytest.importorskip("numba")
+    limits = [LIMITS[kind] for kind in kinds]
+    fleets = [Dynamics(len(kinds), np.zeros((len(kinds), 3)), 0.0, limits) for _ in range(2)]
+    fleets[1].compile()
+    for chosen in range(200):
+        wind = (0.0, 0.0, 0.0) if chosen % 2 else (3.0, -1.0, 0.2)
+        for fleet in fleets:
+            _stirred(fleet, np.random.default_rng(chosen))
+            for _ in range(7):
+                fleet.step(0.02, wind)
+        plain, fast = fleets
+        assert plain.on_ground.tolist() == fast.on_ground.tolist()
+        for one in ("position_ned_m", "velocity_ned_m_s", "acceleration_ned_m_s2", "yaw_rad"):
+            assert getattr(plain, one).tobytes() == getattr(fast, one).tobytes(), (chosen, one)
