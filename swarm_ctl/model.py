@@ -67,3 +67,5 @@ class Snapshot:
     """The last event in a few words."""
     silent_s: float = 0.0
     """Since its autopilot was last heard; infinite when it never was."""
+    cluster: tuple[int, ...] = ()
+    """sysids of `peers` and whom they reach, as far as this vehicle can know."""

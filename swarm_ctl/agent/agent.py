@@ -18,7 +18,8 @@ from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.homing import Homeward, Trail
 from swarm_ctl.agent.orders import COMMAND_IDS, COMMANDS, Inbox, obey
 from swarm_ctl.agent.params import FlightParams, Limits, RangingParams
-from swarm_ctl.agent.peers import Neighbour, PeerTable
+from swarm_ctl.agent.peer import MOST_DOUBT_M, Neighbour
+from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import (
     BEFORE_START,
     ENDED,
@@ -107,7 +108,7 @@ class Agent:
         """Frames that were lost before the last restart."""
         self.frame = SharedFrame(orders.frame, sysid)
         self.telemetry = Telemetry(sysid, self.frame.yaw_offset_rad)
-        self.peers = PeerTable(orders.ranging, orders.flight.acceleration_m_s2)
+        self.peers = PeerTable(orders.ranging, orders.flight, sysid=sysid)
         self.neighbours: list[Neighbour] = []
         """The fresh peers of this tick."""
         self.sender = Sender(sysid, self.frame.yaw_offset_rad)
@@ -235,6 +236,7 @@ class Agent:
             position_ned_m=self.telemetry.position_ned_m,
             battery_fraction=self.telemetry.battery_fraction,
             peers=self.peers.heard(self.now),
+            cluster=self.peers.cluster(self.now),
             victims=len(self.victims.seen),
             note=self.reason,
             silent_s=self.now - self.telemetry.heard_s,
@@ -488,8 +490,10 @@ class Agent:
             for value, heard_s in zip(telemetry.ranges_m, telemetry.ranges_s, strict=True)
         ]
         knows_place = self.now - telemetry.position_s <= self.orders.limits.link_hold_s
+        within_m = self.orders.limits.separation_m + MOST_DOUBT_M
+        zones = self.peers.zones(place, within_m, self.now)
         safe = self._guard.confine(
-            velocity, motion, ranges, self.neighbours, knows_place=knows_place
+            velocity, motion, ranges, self.neighbours + zones, knows_place=knows_place
         )
         return Setpoint(safe, self.yaw_rad)
 
@@ -500,7 +504,7 @@ class Agent:
             velocity_ned_m_s=self.telemetry.velocity_ned_m_s,
             position_ned_m=self.telemetry.position_ned_m,
             target_ned_m=self.target_ned_m if self.phase in EXPLORES else None,
-            heard=self.peers.heard(self.now),
+            heard=self.peers.announced(self.now),
             start=self.frame.start(self.telemetry) if self._knows_its_place else None,
         )
 

@@ -24,7 +24,8 @@ _FAR_CM = round(FAR_M * 100.0)
 _NO_START, _SURVEYED, _GEODETIC = range(3)
 _ID = struct.Struct("<I")  # ids are 32 bits wide, as MAVLink's own are about to be
 _PHASES = tuple(Phase)
-_MOST_HEARD = (128 - _HEAD.size) // _ID.size
+MOST_HEARD = (128 - _HEAD.size) // _ID.size
+"""sysids that fit into a beacon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,8 @@ class Beacon:
     target_ned_m: Vec3 | None
     """Where it is heading to, in the same frame."""
     heard: tuple[int, ...]
-    """sysids this vehicle hears itself, from which clusters are computed."""
+    """sysids this vehicle hears itself, from which clusters are computed; with more than
+    `MOST_HEARD`, some of them, others in the next beacon."""
     start: Place | None = None
     """Where its own frame begins in the frame that the mission shares; None while nobody knows."""
 
@@ -58,7 +60,7 @@ def encode(beacon: Beacon) -> bytes:
     target = [_NO_TARGET] * 3
     if beacon.target_ned_m is not None:
         target = _centimetres(beacon.target_ned_m, _FAR_CM)
-    heard = beacon.heard[:_MOST_HEARD]
+    heard = beacon.heard[:MOST_HEARD]
     head = _HEAD.pack(
         VERSION,
         beacon.mission,

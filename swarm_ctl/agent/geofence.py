@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from swarm_ctl.agent.params import FlightParams, Limits
-from swarm_ctl.agent.peers import Neighbour
+from swarm_ctl.agent.peer import Neighbour
 from swarm_ctl.explore.safety import Constraint, limit_velocity, peer_limit, wall_limit
 from swarm_ctl.model import Vec3
 

@@ -77,7 +77,7 @@ class RangingParams(Section):
     """Standard deviation of its bearing, sideways and up each, in degrees; larger does the same,
     the more the farther the peer is."""
 
-    def variance_m2(self, range_m: float) -> float:
+    def variance_m2(self, squared_range_m2: float) -> float:
         """Give the variance of a fix per axis, the mean over the three of them."""
-        across_m = range_m * math.radians(self.bearing_sigma_deg)
-        return (self.range_sigma_m * self.range_sigma_m + 2.0 * across_m * across_m) / 3.0
+        along_m, across_rad = self.range_sigma_m, math.radians(self.bearing_sigma_deg)
+        return (along_m * along_m + 2.0 * across_rad * across_rad * squared_range_m2) / 3.0

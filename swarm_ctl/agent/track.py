@@ -19,6 +19,8 @@ TOLD_M_S = 0.15
 """The same of one that is told: it is a tenth of a second late, or three, and rounded."""
 MANOEUVRE_S = 0.5
 """A vehicle brakes or turns for so long at a time: makes process noise of an acceleration."""
+MEASURED_S = 0.5
+"""Only fixes this young contradict what a peer tells of its velocity."""
 ODOMETRY_M, ODOMETRY_FRACTION = 0.02, 0.05
 """Error of a displacement that a peer tells: as such, and per distance (drift, and compasses)."""
 JUMP_M, JUMP_M_S = 0.3, 1.0
@@ -42,6 +44,7 @@ class Track:
         "_rival_s",
         "at_s",
         "fixed_s",
+        "odds",
         "pp",
         "pv",
         "refused",
@@ -67,6 +70,8 @@ class Track:
     at_s: float
     fixed_s: float
     """When the last fix was taken."""
+    odds: int
+    """Velocities told in a row that the fixes contradict."""
     refused: int
     """Fixes that were not believed."""
     rivals: int
@@ -82,7 +87,7 @@ class Track:
         """Begin with a first fix; peers change their velocity by `acceleration_m_s2` at most."""
         self._q = acceleration_m_s2 * acceleration_m_s2 * MANOEUVRE_S / 3.0
         self.vx = self.vy = self.vz = 0.0
-        self.refused = 0
+        self.refused = self.odds = 0
         self._restart(place, variance_m2, measured_s)
 
     def at(self, now: float) -> tuple[Vec3, Vec3, float]:
@@ -124,9 +129,12 @@ class Track:
         if self._anchor is not None:
             self._carry(beacon, *self._anchor)
         told, total = beacon.velocity_ned_m_s, self.vv + TOLD_M_S * TOLD_M_S
-        self._correct(
-            told.x - self.vx, told.y - self.vy, told.z - self.vz, self.pv / total, self.vv / total
-        )
+        dx, dy, dz = told.x - self.vx, told.y - self.vy, told.z - self.vz
+        if dx * dx + dy * dy + dz * dz > GATE * total and self.at_s - self.fixed_s < MEASURED_S:
+            self.odds += 1
+            return
+        self.odds = 0
+        self._correct(dx, dy, dz, self.pv / total, self.vv / total)
         self.pp -= self.pv * self.pv / total
         self.pv -= self.pv * self.vv / total
         self.vv -= self.vv * self.vv / total
@@ -189,7 +197,7 @@ class Track:
 
     def _restart(self, place: Vec3, variance_m2: float, when: float) -> None:
         self.x, self.y, self.z = place
-        self.pp, self.pv, self.vv = variance_m2, 0.0, UNTOLD_M_S * UNTOLD_M_S
+        self.pp, self.pv, self.vv = min(variance_m2, WORST_M2), 0.0, UNTOLD_M_S * UNTOLD_M_S
         self.at_s = self.fixed_s = when
         self.rivals, self._rival, self._rival_s = 0, ZERO, -math.inf
         self._anchor = None

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from swarm_ctl.agent.frame import FAR_M
-from swarm_ctl.agent.peers import Meeting
+from swarm_ctl.agent.peer import Meeting
 from swarm_ctl.agent.phases import BEFORE_START
 from swarm_ctl.model import Vec3
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.params import FlightParams, Limits
-from swarm_ctl.agent.peers import Neighbour
+from swarm_ctl.agent.peer import Neighbour
 from swarm_ctl.model import ZERO, Vec3
 
 LIMITS = Limits(radius_m=10.0, floor_m=0.5, ceiling_m=4.0)

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from swarm_ctl.agent.beacon import Beacon, decode, encode, mission_tag
 from swarm_ctl.agent.frame import Place, Shift
-from swarm_ctl.agent.peers import AGREE_M, LATENCY_S, MOST_DOUBT_M, PeerTable
+from swarm_ctl.agent.peer import AGREE_M, LATENCY_S, MOST_DOUBT_M, ZONE_M, ZONE_S
+from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot.telemetry import PeerFix
 from swarm_ctl.frames import Geodetic
@@ -252,3 +253,117 @@ def test_a_peer_behind_a_blind_angle_is_known_as_long_as_it_tells_how_it_moves()
     assert table.heard(5.0) == (7,)
     (peer,) = table.near(ZERO, 5.0)
     assert peer.offset_ned_m == pytest.approx((2.0, 2.0, 0.0), abs=0.1)
+
+
+# -- the silent and the frozen -------------------------------------------------------------------
+
+
+def met_and_lost(
+    velocity: Vec3 = ZERO, phase: Phase = Phase.EXPLORING, north_m: float = 1.2
+) -> PeerTable:
+    """Give a table that measured and heard a peer until 1.0 s, and nothing since then."""
+    table = PeerTable()
+    for tick in range(1, 11):
+        now, place = tick * 0.1, Vec3(north_m + velocity.x * (tick * 0.1 - 1.0), 0.0, 0.0)
+        table.fix([PeerFix(7, place, now)], ZERO, ZERO, now)
+        table.beacon(7, Beacon(TAG, phase, velocity, place, None, ()), now)
+        table.near(ZERO, now)
+    return table
+
+
+def test_one_that_falls_silent_nearby_keeps_a_zone_that_grows_and_ends() -> None:
+    table = met_and_lost()
+    assert table.zones(ZERO, 1.5, 1.5) == []  # it is still in contact
+    zones = [table.zones(ZERO, 1.5, 1.0 + age_s) for age_s in (1.5, 2.0, 5.0)]
+    assert [zone[0].offset_ned_m for zone in zones] == [pytest.approx((1.2, 0.0, 0.0))] * 3
+    assert [zone[0].doubt_m for zone in zones] == [1.0, 1.0, 1.0]
+    assert 0.0 < table.zones(ZERO, 1.5, 2.01)[0].doubt_m < 1.1
+    assert table.zones(ZERO, 1.5, 1.0 + ZONE_S + 0.1) == []
+
+
+def test_a_zone_grows_no_faster_than_a_peer_flies() -> None:
+    table = met_and_lost()
+    table.near(ZERO, 1.9)
+    doubts = [table.zones(ZERO, 1.5, 1.9 + age_s)[0].doubt_m for age_s in (0.2, 0.5, 1.5)]
+    assert doubts == pytest.approx([0.08, 0.5, ZONE_M])
+
+
+def test_one_that_was_far_off_or_on_its_way_down_leaves_no_zone() -> None:
+    assert met_and_lost(north_m=1.8).zones(ZERO, 1.5, 2.5) == []
+    assert met_and_lost(phase=Phase.LANDING).zones(ZERO, 1.5, 2.5) == []
+    assert met_and_lost(phase=Phase.HOLDING).zones(ZERO, 1.5, 2.5) != []
+
+
+def test_a_zone_stays_where_the_peer_was_though_the_vehicle_flies_on() -> None:
+    (zone,) = met_and_lost().zones(Vec3(0.0, 3.0, 0.0), 1.5, 2.5)
+    assert zone.offset_ned_m == pytest.approx((1.2, -3.0, 0.0))
+
+
+def test_one_that_is_heard_again_has_no_zone_any_more() -> None:
+    table = met_and_lost()
+    table.fix([PeerFix(7, Vec3(1.2, 0.0, 0.0), 3.0)], ZERO, ZERO, 3.0)
+    assert table.zones(ZERO, 1.5, 3.0) == []
+
+
+@pytest.mark.parametrize("phase", [Phase.EXPLORING, Phase.LANDING])
+def test_one_that_is_measured_and_tells_nothing_is_doubted_most_unless_it_lands(
+    phase: Phase,
+) -> None:
+    table = met_and_lost(phase=phase)
+    for tick in range(11, 41):
+        table.fix([PeerFix(7, Vec3(1.2, 0.0, 0.0), tick * 0.1)], ZERO, ZERO, tick * 0.1)
+    (peer,) = table.near(ZERO, 4.0)
+    assert peer.doubt_m == (0.0 if phase is Phase.LANDING else MOST_DOUBT_M)
+
+
+def test_a_frozen_beacon_is_no_news() -> None:
+    table = PeerTable()
+    for tick in range(1, 20):
+        table.beacon(7, told_at(ZERO, Vec3(1.0, 0.0, 0.0)), tick * 0.2, NORTH_10)
+    assert table.heard(1.1) == (7,)
+    assert table.heard(3.8) == ()
+
+
+def test_one_that_hovers_tells_the_same_again_and_is_heard() -> None:
+    table = PeerTable()
+    for tick in range(1, 20):
+        table.beacon(7, told_at(ZERO), tick * 0.2, NORTH_10)
+    assert table.heard(3.8) == (7,)
+
+
+def test_one_whose_fixes_contradict_what_it_tells_is_doubted_most() -> None:
+    table = met_and_lost()
+    for tick in range(11, 31):
+        table.fix([PeerFix(7, Vec3(1.2, 0.0, 0.0), tick * 0.1)], ZERO, ZERO, tick * 0.1)
+        if tick % 2:
+            table.beacon(7, told_at(Vec3(0.0, 0.2 * tick, 0.0), Vec3(0.0, 2.0, 0.0)), tick * 0.1)
+    (peer,) = table.near(ZERO, 3.0)
+    assert peer.doubt_m == MOST_DOUBT_M
+    assert peer.offset_ned_m == pytest.approx((1.2, 0.0, 0.0), abs=0.1)
+
+
+# -- clusters ------------------------------------------------------------------------------------
+
+
+def test_a_cluster_reaches_whom_a_peer_hears_and_ends_with_what_it_says() -> None:
+    table = PeerTable(sysid=1)
+    table.beacon(2, beacon(heard=(1, 3)), 1.0, NORTH_10)
+    table.beacon(3, beacon(heard=(2, 4)), 0.5, None)  # heard itself once, but not located
+    assert table.heard(1.0) == (2,)
+    assert table.cluster(1.0) == (2, 3, 4)
+    table.beacon(2, beacon(heard=(1,)), 2.0, NORTH_10)
+    assert table.cluster(2.6) == (2, 3)  # 3 named 4 more than two seconds ago, 2 named 3 later
+    assert table.cluster(3.1) == ()
+
+
+def test_more_neighbours_than_fit_into_a_beacon_are_told_in_turns() -> None:
+    table, told = PeerTable(sysid=1), PeerTable(sysid=99)
+    everybody = tuple(range(2, 48))
+    for sysid in everybody:
+        table.beacon(sysid, told_at(ZERO), 1.0, NORTH_10)
+    for tick in range(5):
+        received = decode(encode(beacon(heard=table.announced(1.0 + 0.2 * tick))))
+        assert received is not None
+        told.beacon(1, received, 1.0 + 0.2 * tick, NORTH_10)
+    assert table.announced(1.0) != everybody
+    assert told.cluster(1.8) == (1, *everybody)

@@ -98,14 +98,14 @@ def follow(radio: Radio, seed: int = 1, seconds: float = 60.0) -> Tracked:
     rng = np.random.default_rng(seed)
     places, velocities = legs(rng, seconds)
     first = Vec3(*places[0])
-    track = Track(first, RANGING.variance_m2(math.hypot(*first)), 0.0, 2.0)
+    track = Track(first, RANGING.variance_m2(math.hypot(*first) ** 2), 0.0, 2.0)
     late, latest = round(100 * radio.delay_s), first
     errors, sigmas, raw = [], [], []
     for step in range(100, len(places), round(100 * FIX_S)):
         now, then = step / 100.0, step - late
         if rng.random() >= radio.loss and not radio.blind(now):
             latest = measured(places[then], radio, rng)
-            track.fix(latest, RANGING.variance_m2(math.hypot(*latest)), then / 100.0, now)
+            track.fix(latest, RANGING.variance_m2(math.hypot(*latest) ** 2), then / 100.0, now)
         if step % round(100 * BEACON_S) == 0 and rng.random() >= radio.loss:
             track.hear(beacon(Vec3(*places[then]), Vec3(*velocities[then])), now)
         place, _, sigma_m = track.at(now)

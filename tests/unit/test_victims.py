@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.agent.beacon import BEACON_TYPE, SUMMARY_TYPE, TRAIL_TYPE, Beacon
-from swarm_ctl.agent.peers import Meeting
+from swarm_ctl.agent.peer import Meeting
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.agent.victims import (
     AGAIN_S,
