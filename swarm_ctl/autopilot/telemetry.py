@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any, NamedTuple
 
 from swarm_ctl import wire
@@ -47,6 +48,9 @@ JUMP_M, JUMP_WITHIN_S = 1.0, 1.0
 FARTHEST_PEER_M = 656.0
 """What DISTANCE_SENSOR can say; a bearing that is no rotation leads farther."""
 OLDEST_FIX_S = 1.0
+"""Who tells of what was measured longer ago counts by another clock."""
+ATTITUDES = 50
+"""Kept for what the radio tells late; a second's worth at PX4's 50 Hz."""
 _DISTANCE_SENSOR = wire.message("DISTANCE_SENSOR").id
 _SENSED = frozenset({_DISTANCE_SENSOR, wire.message("OBSTACLE_DISTANCE").id})
 _NO_SENSORS = frozenset({AUTOPILOT_COMPONENT, RADIO_COMPONENT, COMPANION_COMPONENT})
@@ -95,6 +99,7 @@ class Telemetry(Status):
         self.yaw_rate_rad_s = 0.0
         self.attitude_rad = ZERO
         """Roll, pitch, yaw."""
+        self._attitudes: deque[tuple[float, Vec3]] = deque(maxlen=ATTITUDES)
         self.timesync = Timesync()
         self.ranges_m = [math.inf] * 6
         self.ranges_s = [-math.inf] * 6
@@ -173,6 +178,7 @@ class Telemetry(Status):
             self.attitude_rad = Vec3(roll_rad, pitch_rad, yaw_rad)
             self.yaw_rate_rad_s = yaw_rate_rad_s
             self.attitude_s = now
+            self._attitudes.append((now, self.attitude_rad))
 
     def _local_position(self, values: Any, now: float) -> None:
         place = turn(Vec3(values.x, values.y, values.z), self._yaw_offset_rad)
@@ -223,9 +229,8 @@ class Telemetry(Status):
         if values.orientation != CUSTOM_ORIENTATION or not values.id:
             return
         age_s = self._age_s(values.time_boot_ms, now)
-        roll, pitch, yaw = self.attitude_rad
         ahead = rotate(values.quaternion, Vec3(values.current_distance * 0.01, 0.0, 0.0))
-        offset = body_to_ned(ahead, roll, pitch, yaw - age_s * self.yaw_rate_rad_s)
+        offset = body_to_ned(ahead, *self._attitude_at(now - age_s))
         if math.hypot(*offset) <= FARTHEST_PEER_M:  # which NaN is not
             self.peer_fixes.append(PeerFix(values.id, offset, now - age_s))
 
@@ -234,6 +239,13 @@ class Telemetry(Status):
         before_s = (self._boot_ms.get("LOCAL_POSITION_NED", 0) - boot_ms) / 1000.0
         age_s = before_s + now - self.position_s
         return age_s if boot_ms and 0.0 < age_s <= OLDEST_FIX_S else 0.0
+
+    def _attitude_at(self, then: float) -> Vec3:
+        """Give the attitude of a moment ago: what was measured then was so in that body frame."""
+        for heard_s, attitude_rad in reversed(self._attitudes):
+            if heard_s <= then:
+                return attitude_rad
+        return self.attitude_rad
 
     def _landing_target(self, values: Any, _now: float) -> None:
         if not values.position_valid:

@@ -78,6 +78,29 @@ def test_a_scanner_that_speaks_for_itself_is_heard(vehicle: Vehicle) -> None:
     assert vehicle.says(scan, component=196).scan_s == 1.0
 
 
+def test_what_the_radio_tells_late_was_so_in_the_attitude_of_then(vehicle: Vehicle) -> None:
+    for boot_ms, yaw in ((1000, 0.0), (1300, EAST)):
+        now = boot_ms / 1000.0 + 5.0
+        vehicle.says(mavlink.MAVLink_attitude_message(boot_ms, 0, 0, yaw, 0, 0, 0), now)
+        place = mavlink.MAVLink_local_position_ned_message(boot_ms, now, 0, 0, 1.0, 0, 0)
+        vehicle.says(place, now)
+    ahead = distance(200, 100, 7, quaternion=[1.0, 0.0, 0.0, 0.0])
+    ahead.time_boot_ms = 1100
+    (fix,) = vehicle.says(ahead, 6.35, component=68).peer_fixes
+    assert fix.offset_ned_m == pytest.approx((2.0, 0.0, 0.0))
+    assert fix.measured_s == pytest.approx(6.1)
+
+
+@pytest.mark.parametrize("boot_ms", [0, 5, 900_000])
+def test_a_radio_with_a_clock_of_its_own_tells_of_now(vehicle: Vehicle, boot_ms: int) -> None:
+    place = mavlink.MAVLink_local_position_ned_message(60_000, 0, 0, 0, 1.0, 0, 0)
+    vehicle.says(place, 6.0)
+    ahead = distance(200, 100, 7, quaternion=[1.0, 0.0, 0.0, 0.0])
+    ahead.time_boot_ms = boot_ms
+    (fix,) = vehicle.says(ahead, 6.0, component=68).peer_fixes
+    assert fix.measured_s == 6.0
+
+
 def test_a_peer_to_the_right_of_a_vehicle_that_faces_east_is_south(vehicle: Vehicle) -> None:
     vehicle.says(mavlink.MAVLink_attitude_message(0, 0.0, 0.0, EAST, 0, 0, 0))
     to_the_right = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
