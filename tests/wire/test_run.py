@@ -64,7 +64,7 @@ def test_a_run_ends_by_itself_and_leaves_its_record(
     assert {path.name for path in session.out.glob("*.png")} == PICTURES
     assert len(json.loads((session.out / "paths.json").read_text())["vehicles"]) == vehicles
     assert {path.name for path in (session.out / "truth").iterdir()} == {
-        *("truth.json", "truth.npz", "world.json")
+        *("truth.json", "truth.npz", "world.json", "radio.json")
     }
     kinds = {"px4": [12], "ardupilot": [3], "mixed": [12, 3]}[autopilot]
     for sysid in range(1, vehicles + 1):
