@@ -147,7 +147,9 @@ def test_a_fleet_arms_and_climbs_over_udp(
     assert code == 0
     assert not complaints.strip() or "falling behind" in complaints  # on a busy machine
     assert lines[-1]["done"]["victims_total"] == 1
-    assert {"truth.json", "truth.npz", "world.json"} == {file.name for file in out.iterdir()}
+    assert {file.name for file in out.iterdir()} == {
+        *("truth.json", "truth.npz", "world.json", "radio.json")
+    }
     assert json.loads((out / "truth.json").read_text())["path_length_m"] > 1.0
 
 
