@@ -163,9 +163,11 @@ def finish(
     )
     if is_real:
         victims = {one.agent.sysid: one.agent.victims.seen for one in controllers}
-        summary["notes"] += draw_own_paths(folder.path, summary, victims)
+        summary["notes"] += draw_own_paths(folder.path, summary, victims, contacts)
     else:
-        summary["notes"] += draw_pictures(folder.path, summary, speed_m_s=mission.flight.speed_m_s)
+        summary["notes"] += draw_pictures(
+            folder.path, summary, speed_m_s=mission.flight.speed_m_s, contacts=contacts
+        )
     write_summary(folder.path, summary)
     return summary
 

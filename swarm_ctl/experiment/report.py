@@ -192,7 +192,8 @@ def draw_pictures(result: ExperimentResult, cases: Mapping[str, Case]) -> list[s
         import matplotlib.figure  # noqa: F401, PLC0415 - an extra, and slow to import
     except ImportError:
         return ["no pictures: matplotlib is missing (pip install 'swarm-ctl[experiment]')"]
-    from swarm_ctl.record.plots import DPI, paths_figure  # noqa: PLC0415 - an extra
+    from swarm_ctl.record.ground import paths_figure  # noqa: PLC0415 - an extra
+    from swarm_ctl.record.looks import DPI  # noqa: PLC0415 - an extra
 
     notes = []
     for one in result.cells:

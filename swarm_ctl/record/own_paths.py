@@ -6,7 +6,19 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from swarm_ctl.record.plots import DPI, FOUND, FREE, INK, PALETTE, WALL
+from swarm_ctl.record.contacts_plot import contacts_figure
+from swarm_ctl.record.looks import (
+    FOUND,
+    FREE,
+    INK,
+    NO_MATPLOTLIB,
+    PALETTE,
+    WALL,
+    is_drawable,
+    save_pictures,
+)
+from swarm_ctl.record.spread import Contacts
+from swarm_ctl.record.truth import Truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,29 +34,27 @@ Places = list[tuple[float, float]]
 
 
 def draw_own_paths(
-    run: Path, summary: Mapping[str, Any], victims: Mapping[int, Mapping[int, Vec3]]
+    run: Path,
+    summary: Mapping[str, Any],
+    victims: Mapping[int, Mapping[int, Vec3]],
+    contacts: Contacts | None = None,
 ) -> list[str]:
-    """Draw `paths.png` from `paths.json`; give a note when it could not be.
+    """Draw `paths.png` from `paths.json`, and `contacts.png`; give a note for each left out.
 
     `victims` are the places where each sysid saw them, in its own frame.
     """
-    try:
-        import matplotlib.figure  # noqa: F401, PLC0415 - an extra, and slow to import
-    except ImportError:
-        return ["no pictures: matplotlib is missing (pip install 'swarm-ctl[plots]')"]
+    if not is_drawable():
+        return [NO_MATPLOTLIB]
     flown = read_flown(run)
     if not any(flown.values()):
         return ["no pictures: nothing was flown"]
     seen = {
         sysid: [(place.y, place.x) for place in found.values()] for sysid, found in victims.items()
     }
-    try:
-        own_paths_figure(flown, seen, summary).savefig(
-            run / "paths.png", dpi=DPI, facecolor="white"
-        )
-    except OSError as error:
-        return [f"no paths.png: {error.strerror or error}"]
-    return []
+    pictures = {"paths.png": lambda: own_paths_figure(flown, seen, summary)}
+    if contacts is not None and contacts.graph.is_swarm.any():
+        pictures["contacts.png"] = lambda: contacts_figure(contacts, summary, Truth())
+    return save_pictures(run, pictures)
 
 
 def read_flown(run: Path) -> dict[int, Places]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarm_ctl.model import ZERO
 from swarm_ctl.record.contacts import (
     Change,
     ContactGraph,
@@ -16,8 +17,11 @@ from swarm_ctl.record.contacts import (
     contact_graph,
     encounters,
 )
+from swarm_ctl.record.contacts_plot import company, contacts_figure
 from swarm_ctl.record.journal import read_journal
-from swarm_ctl.record.spread import read_contacts, spread, spread_figures
+from swarm_ctl.record.own_paths import draw_own_paths
+from swarm_ctl.record.paths import PathRecorder, write_paths
+from swarm_ctl.record.spread import Contacts, read_contacts, spread, spread_figures
 from swarm_ctl.record.truth import Truth
 
 CHAIN = [(1, 2), (2, 3), (3, 4)]
@@ -216,3 +220,46 @@ def test_the_details_are_written_beside_the_summary(tmp_path: Path) -> None:
 
 def test_a_folder_without_events_has_no_contacts(tmp_path: Path) -> None:
     assert read_contacts(tmp_path) is None
+
+
+# -- the picture -----------------------------------------------------------------------------------
+
+SUMMARY = {"mission": "search", "vehicles": 4, "planner": "explore", "seed": 1, "duration_s": 30.0}
+
+
+def test_the_picture_shows_each_one_s_company_and_when_it_learnt(parted: ContactGraph) -> None:
+    sizes = company(parted)
+    assert (sizes[:10] == 4).all()
+    assert (sizes[10:20] == 2).all()
+    contacts = Contacts(parted, spread(parted, SEEN))
+    figure = contacts_figure(contacts, SUMMARY, Truth())
+    lanes, groups = figure.axes[:2]
+    assert lanes.get_ylabel() == "vehicle"
+    assert groups.get_ylabel().startswith("groups")
+    learnt, found = (np.asarray(line.get_xydata()) for line in lanes.lines)
+    assert found[:, 0].tolist() == [5.2, 12.0]
+    assert sorted(learnt[:, 0].tolist()) == pytest.approx([5.3, 5.6, 5.7, 12.3, 20.4, 20.8])
+    assert "2 3 4" in [text.get_text() for text in lanes.texts], "with whom 1 was"
+
+
+@pytest.mark.parametrize("vehicles", [2, 10, 50])
+def test_the_picture_is_drawn_for_few_and_for_many(tmp_path: Path, vehicles: int) -> None:
+    pairs = [(sysid, sysid + 1) for sysid in range(1, vehicles)]
+    flown = [phase(float(sysid), sysid, "exploring") for sysid in range(1, vehicles + 1)]
+    truth = sampled(*[pairs[: second % vehicles] for second in range(60)], vehicles=vehicles)
+    graph = graph_of(truth, flown)
+    figure = contacts_figure(Contacts(graph, spread(graph, SEEN)), SUMMARY, truth)
+    figure.savefig(tmp_path / "contacts.png")
+    assert (tmp_path / "contacts.png").stat().st_size > 20_000
+
+
+def test_real_vehicles_have_a_picture_of_their_contacts(tmp_path: Path) -> None:
+    met = [hears(0.2, 1, 2), hears(0.3, 2, 1), phase(9.0, 1, "landing")]
+    events = "".join(json.dumps(line) + "\n" for line in [*FLOWN[:2], *met])
+    (tmp_path / "events.jsonl").write_text(events)
+    path = PathRecorder(1)
+    path.visited(0.0, ZERO, ())
+    write_paths(tmp_path / "paths.json", [path])
+    contacts = read_contacts(tmp_path)
+    assert draw_own_paths(tmp_path, SUMMARY, {}, contacts) == []
+    assert (tmp_path / "contacts.png").stat().st_size > 20_000
