@@ -165,7 +165,7 @@ class Explorer:
 
     def hear_chunk(self, sysid: int, data: bytes) -> None:
         """Take a payload of a peer's outbox: any number of times, in any order."""
-        for news in self.trails.hear_chunk(sysid, data):
+        for news in self.trails.hear_chunk(sysid, data, self._now):
             self._paint(news)
 
     def _paint(self, news: News) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -134,6 +135,44 @@ def test_who_begins_anew_elsewhere_is_heard_from_its_first_word(launch: Launch) 
     assert trails(flight, 1).length(1) == written
     back = fleet.starts_ned_m[0][:2] - born[:2]
     assert trails(flight, 1)._logs[1].shift_m == pytest.approx(back, abs=0.5)
+
+
+def test_a_swarm_that_fell_apart_knows_again_what_each_half_saw(launch: Launch) -> None:
+    apart = {"from_s": 15.0, "until_s": 45.0, "groups": [[1, 2], [3, 4]]}
+    world = {**SWARM["world"], "radio": {"radius_m": 30.0, "partitions": [apart]}}
+    flight = launch(vehicles=4, **{**SWARM, "world": world})
+    flight.fly(44.0)
+    assert flight.agent(1).peers.heard(flight.arena.now) == (2,)
+    lacks = [1.0 - trails(flight, 1).length(3) / trails(flight, 3).length(3)]
+    flight.fly(8.0)
+    assert flight.agent(1).peers.heard(flight.arena.now) == (2, 3, 4)
+    lacks.append(1.0 - trails(flight, 1).length(3) / trails(flight, 3).length(3))
+    assert lacks[0] > 0.4
+    assert lacks[1] < 0.1
+    for one, other in itertools.permutations((1, 2, 3, 4), 2):
+        copy = trails(flight, one).entries(other)
+        assert copy == trails(flight, other).entries(other)[: len(copy)]
+    assert flight.truth()["collisions"] == 0
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_vehicle_whose_frame_jumps_is_found_again_and_hits_nobody(
+    launch: Launch, autopilot: str
+) -> None:
+    flight = launch(vehicles=3, autopilot=autopilot, **SWARM)
+    flight.fly_until(lambda: all_explore(flight))
+    flight.fly(15)
+    before = trails(flight, 2)._peers[1].shift_m
+    strike(flight, "drift", fraction=0.0, jump_m=6.0, towards_deg=90.0)
+    flight.fly(10)
+    after = trails(flight, 2)._peers[1].shift_m
+    assert np.subtract(before, after) == pytest.approx([6.0, 0.0], abs=0.7)
+    seen = flight.truth()["coverage_fraction"]
+    flight.fly(60)
+    assert all_explore(flight)
+    assert flight.truth()["coverage_fraction"] > min(seen + 0.2, 0.9)
+    assert flight.truth()["collisions"] == 0
+    assert flight.truth()["min_separation_m"] > 0.75
 
 
 # -- strangers -----------------------------------------------------------------------------------

@@ -177,7 +177,7 @@ def test_no_bytes_from_the_air_can_do_harm(data: bytes, dressed: bool) -> None:
 
 def test_noise_is_counted() -> None:
     trails = Trails(1, 2)
-    trails.hear_chunk(2, b"noise")
+    trails.hear_chunk(2, b"noise", 0.0)
     trails.hear_summary(2, b"\x01\xff")
     trails.hear_summary(2, b"")
     assert trails.malformed == 3
@@ -189,7 +189,7 @@ def test_a_summary_of_a_large_swarm_takes_turns() -> None:
     for origin in range(1, 120):
         data, _ = encode(origin, 0, (0.0, 0.0), [Entry(WALL_X, (1, 1))])
         trails.meet(origin, 0.0, (0.0, 0.0))
-        trails.hear_chunk(origin, data)
+        trails.hear_chunk(origin, data, 0.0)
     for _ in range(6):
         summary = trails.summary()
         assert len(summary) <= SUMMARY_BYTES
@@ -207,3 +207,47 @@ def test_a_straight_way_takes_few_points(bend_m: float) -> None:
     trail = [entry for entry in vehicle.trails.entries(1) if entry.kind <= LINE]
     assert len(trail) <= (4 if bend_m < 0.1 else 16)
     assert len(trail) >= (2 if bend_m < 0.1 else 8)
+
+
+def begun_anew(sysid: int, birth: int) -> Explorer:
+    vehicle = Explorer(PARAMS, speed_m_s=0.2, climb_m_s=0.2, seed=[1], sysid=sysid, birth=birth)
+    stand(vehicle, (0.0, 0.0))
+    return vehicle
+
+
+def test_a_vehicle_that_begins_anew_begins_a_log_and_the_first_stays_where_it_was() -> None:
+    first, second, reader = explorer(1), begun_anew(1, birth=7), explorer(2)
+    write(first, 30)
+    write(second, 10, seed=6)
+    meet(reader, first, HERE)
+    for payload in everything(first, reader):
+        reader.hear_chunk(1, payload)
+    for now in (30.0, 31.0):  # the first time it is heard who it is, the second time where
+        meet(reader, second, THERE, now=now)
+    meet(second, reader, (-THERE[0], -THERE[1]), now=30.0)
+    for payload in second.outbox(1000):
+        reader.hear_chunk(1, payload)
+    own = second.trails.own
+    assert reader.trails.entries(1) == first.trails.entries(1)
+    assert reader.trails.entries(own) == second.trails.entries(own)
+    shifts = [reader.trails._logs[log].shift_m for log in (1, own)]
+    assert shifts == [pytest.approx(HERE), pytest.approx(THERE)]
+    # and what it did in its first life it learns from its peers, in its new frame
+    meet(reader, second, THERE, now=32.0)
+    for payload in reader.outbox(1000):
+        second.hear_chunk(2, payload)
+    assert second.trails.entries(1) == first.trails.entries(1)
+    moved = np.subtract(HERE, THERE)
+    assert second.trails._logs[1].shift_m == pytest.approx(moved, abs=0.02)
+
+
+def test_what_a_vehicle_tells_long_after_it_was_met_has_no_place() -> None:
+    first, second, reader = explorer(1), begun_anew(1, birth=7), explorer(2)
+    meet(reader, first, HERE)
+    write(second, 10)
+    payloads = everything(second, reader)
+    reader._now += 30.0
+    for payload in payloads:
+        reader.hear_chunk(1, payload)
+    assert reader.trails.length(second.trails.own) == 0
+    assert reader.trails.dropped == len(payloads)
