@@ -12,6 +12,7 @@ import numpy as np
 
 from swarm_ctl import wire
 from swarm_ctl.agent import beacon as beacons
+from swarm_ctl.agent.budget import Budget
 from swarm_ctl.agent.duties import DUTIES, IS_HOME
 from swarm_ctl.agent.frame import FrameParams, SharedFrame, shift_between
 from swarm_ctl.agent.geofence import Guard, Motion
@@ -144,7 +145,7 @@ class Agent:
             self._sharing = Sharing(self._planner, orders.planner.dimensions)
             self.telemetry.streams.want(SCAN_HZ)
         self._scanned_s = -math.inf
-        self._tag = beacons.mission_tag(orders.mission)
+        self._tag, self._budget = beacons.mission_tag(orders.mission), Budget()
         self._events: list[Event] = []
         self._next_heartbeat_s = self._next_beacon_s = self._next_ask_s = 0.0
 
@@ -446,9 +447,6 @@ class Agent:
             starts = self.phase is Phase.CONNECTING
             for wanted in self.telemetry.streams.due(now, starts=starts):
                 self.commands.request(wanted)
-        if now >= self._next_heartbeat_s:
-            self._next_heartbeat_s = now + HEARTBEAT_S
-            frames.append(sender.heartbeat())
         if self.phase in STREAMING and (stamp := self.telemetry.timesync.request(now)) is not None:
             frames.append(sender.timesync(stamp))
         due, timed_out = self.commands.poll(now)
@@ -461,23 +459,35 @@ class Agent:
             self.commands.request(command(commands.REQUEST_MESSAGE, _ORIGIN_ID))
             origin = self.frame.origin_to_tell
             frames += [] if origin is None else [sender.origin(origin)]
-        return frames + [sender.broadcast(*told) for told in self._told_to_peers(now)]
+        return frames + self._told_to_peers(now)
 
-    def _told_to_peers(self, now: float) -> list[tuple[int, bytes]]:
-        """Give payload types and payloads to broadcast now."""
-        told = []
+    def _told_to_peers(self, now: float) -> list[bytes]:
+        """Give the frames to broadcast now: what peers must know, then trails as far as fits.
+
+        Those go with a beacon: a datagram costs a network more than what is in it.
+        """
+        frames, sender = [], self.sender
+        if now >= self._next_heartbeat_s:
+            self._next_heartbeat_s = now + HEARTBEAT_S
+            frames.append(sender.heartbeat())
         has_place = self.telemetry.position_s > -math.inf and not self.vigil.distrust
         is_known = self.telemetry.autopilot is not None and has_place
-        if now >= self._next_beacon_s and is_known:
+        is_beacon_due = now >= self._next_beacon_s and is_known
+        if is_beacon_due:
             self._next_beacon_s = now + beacons.PERIOD_S
-            told.append((beacons.BEACON_TYPE, beacons.encode(self._beacon())))
+            frames.append(sender.broadcast(beacons.BEACON_TYPE, beacons.encode(self._beacon())))
         if self.victims.known and is_known:
             contacts = filter(self.peers.is_ours, self.peers.heard(now))
             if payload := self.victims.outgoing(contacts, now):
-                told.append((VICTIMS_TYPE, payload))
-        if self._sharing is not None and self.phase in STEERING:
-            told += self._sharing.outgoing(bool(self.neighbours), now)
-        return told
+                frames.append(sender.broadcast(VICTIMS_TYPE, payload))
+        self._budget.spend(frames, now)
+        if self._sharing is not None and self.phase in STEERING and is_beacon_due:
+            room = self._budget.room(now)
+            extras = self._sharing.outgoing(bool(self.neighbours), now, room)
+            told = [sender.broadcast(*one) for one in extras]
+            self._budget.spend(told, now)
+            frames += told
+        return frames
 
     def _last_word(self, velocity: Vec3) -> Setpoint:
         """Let the guard bend what the duty wants; nothing else makes a setpoint."""

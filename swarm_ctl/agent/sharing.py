@@ -10,14 +10,19 @@ import numpy as np
 from swarm_ctl.agent.beacon import SUMMARY_TYPE, TRAIL_TYPE
 from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import BEFORE_START
+from swarm_ctl.explore import trails
 from swarm_ctl.explore.explorer import Explorer
 from swarm_ctl.model import Vec3
 
 MEET_S = 1.0
 """Between two contacts taken note of, and between two summaries; once a second is enough
 (ALGORITHM 2.6)."""
-TRAILS_PER_TICK = 1
-"""Bounds the traffic at 1.4 kB/s a vehicle."""
+TRAILS_PER_BEACON = 2
+"""As many as one vehicle told in two ticks of a tenth of a second."""
+FRAME_BYTES = 30
+"""What a signed TUNNEL adds to a payload."""
+TRAIL_BYTES = trails.PAYLOAD_BYTES + FRAME_BYTES
+SUMMARY_BYTES = trails.SUMMARY_BYTES + FRAME_BYTES
 SCAN_M = 2.0
 """Scanner hits farther than this are left for later, when they are seen more exactly."""
 PEER_M = 0.6
@@ -68,12 +73,17 @@ class Sharing:
         elif payload_type == TRAIL_TYPE:
             self.explorer.hear_chunk(sysid, payload)
 
-    def outgoing(self, has_peers: bool, now: float) -> list[tuple[int, bytes]]:
-        """Give payload types and payloads to broadcast now."""
+    def outgoing(self, has_peers: bool, now: float, room_bytes: int) -> list[tuple[int, bytes]]:
+        """Give payload types and payloads to broadcast now, as frames no longer than there is room.
+
+        The summary comes first: without it peers would be told again what they know.
+        """
         if not has_peers:
             return []
-        told = [(TRAIL_TYPE, payload) for payload in self.explorer.outbox(TRAILS_PER_TICK)]
-        if now >= self._next_summary_s:
+        told = []
+        if now >= self._next_summary_s and room_bytes >= SUMMARY_BYTES:
             self._next_summary_s = now + MEET_S
             told.append((SUMMARY_TYPE, self.explorer.summary()))
-        return told
+            room_bytes -= SUMMARY_BYTES
+        most = max(0, min(TRAILS_PER_BEACON, room_bytes // TRAIL_BYTES))
+        return told + [(TRAIL_TYPE, payload) for payload in self.explorer.outbox(most)]
