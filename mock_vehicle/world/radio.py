@@ -9,6 +9,8 @@ from pydantic_core import PydanticCustomError
 
 from mock_vehicle.world.section import Fraction, NotNegative, Number, Point, Positive, Section
 
+Wait = Annotated[Number, Field(ge=0, le=60)]
+"""Seconds for which a frame or a fix is held, which bounds how many are."""
 Sysid = Annotated[int, Field(strict=True, ge=1, le=255)]
 
 
@@ -38,7 +40,7 @@ class RangingSpec(Section):
     """Standard deviation, from pair to pair, of an error that stays for the run, degrees."""
     blind: tuple[SectorSpec, ...] = ()
     """Sectors of the body, by azimuth, in which nobody is measured."""
-    delay_s: NotNegative = 0.0
+    delay_s: Wait = 0.0
     """Time from measuring to telling, s."""
 
 
@@ -113,9 +115,9 @@ class RadioSpec(Section):
 
     radius_m: NotNegative = 2.0
     """Range, m."""
-    delay_s: NotNegative = 0.0
+    delay_s: Wait = 0.0
     """Time from sending to hearing, s."""
-    jitter_s: NotNegative = 0.0
+    jitter_s: Wait = 0.0
     """Up to so much more, evenly, for each hearer, s."""
     loss_fraction: Fraction = 0.0
     """Share of frames that get lost."""
@@ -123,7 +125,7 @@ class RadioSpec(Section):
     """Share of frames that are heard twice."""
     reorder_fraction: Fraction = 0.0
     """Share of frames that are held back, so that later ones overtake them."""
-    reorder_hold_s: NotNegative = 0.2
+    reorder_hold_s: Wait = 0.2
     """For how long they are held back, s."""
     path_loss: PathLossSpec | None = None
     """Walls and shadowing; null: the range is the same everywhere."""

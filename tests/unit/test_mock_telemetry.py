@@ -279,6 +279,16 @@ def test_a_peer_comes_from_the_radio_with_its_bearing(personality: Personality) 
 
 
 @both
+def test_a_fix_that_comes_late_tells_when_it_was_taken(personality: Personality) -> None:
+    client = Client(personality)
+    client.tick()
+    client.readings.peers[0] += [PeerFix(20, 2.0, (1.0, 0.0, 0.0), client.now - 0.05)]
+    (fix,) = (m for m in client.tick("DISTANCE_SENSOR") if m.get_srcComponent() == 68)
+    age_s = client.now - client.vehicle.autopilot.booted_at - fix.time_boot_ms / 1e3
+    assert age_s == pytest.approx(0.15, abs=0.002)  # and a tick has passed since
+
+
+@both
 def test_a_victim_is_a_landing_target(personality: Personality) -> None:
     client = Client(personality)
     client.readings.victims[0].append(VictimFix(3, 1.0, -2.0, 2.0))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mock_vehicle.errors import WorldError
 from mock_vehicle.world import Ring, World, load_world
+from mock_vehicle.world.schema import world_schema
 
 Floats = NDArray[np.float64]
 Build = Callable[..., World]
@@ -514,6 +515,29 @@ BOX = {"center_m": [10, 5], "size_m": [4, 2]}
             {"radio": {"loss_fraction": 1.5}},
             "radio.loss_fraction: should be less than or equal to 1, not 1.5",
         ),
+        (
+            {"radio": {"ranging": {"range_nois_m": 1}}},
+            "radio.ranging.range_nois_m: unknown key; did you mean range_noise_m?",
+        ),
+        ({"radio": {"ranging": "well"}}, "radio.ranging: should hold keys, not 'well'"),
+        ({"radio": {"delay_s": 61}}, "radio.delay_s: should be less than or equal to 60, not 61"),
+        (
+            {"radio": {"path_loss": {"wall_attenuation_db": 5}}},
+            "radio.path_loss.wall_attenuation_db: unknown key; did you mean wall_db?",
+        ),
+        (
+            {"radio": {"channel": {"queue_frames": 0}}},
+            "radio.channel.queue_frames: should be greater than or equal to 1, not 0",
+        ),
+        (
+            {"radio": {"partitions": [{"from_s": 5}]}},
+            "radio.partitions[0]: should have either groups or line",
+        ),
+        (
+            {"sensors": {"radio_range_noise_m": 0.1}},
+            "sensors.radio_range_noise_m: unknown key; did you mean range_noise_m?",
+        ),
+        ({"sensors": {"bearing_noise_deg": 3}}, "sensors.bearing_noise_deg: unknown key"),
         ({"faults": [{"time_s": 60, "vehicle": 3}]}, "faults[0].kind: is required"),
         (
             {"boxes": [{**BOX, "center_m": [25, 5]}]},
@@ -576,6 +600,14 @@ def test_a_wrong_file_is_refused_in_one_sentence(
     tmp_path: Path, keys: dict[str, Any], sentence: str
 ) -> None:
     assert refusal(tmp_path, **keys).startswith(sentence)
+
+
+def test_the_schema_describes_every_key_of_the_radio() -> None:
+    sections = world_schema()["$defs"]
+    for name in ("RadioSpec", "RangingSpec", "SectorSpec", "PathLossSpec", "ChannelSpec"):
+        assert all(key["description"] for key in sections[name]["properties"].values())
+    ranging = sections["RadioSpec"]["properties"]["ranging"]["anyOf"]
+    assert {"type": "boolean"} in ranging
 
 
 def test_no_vehicle_starts_in_a_sealed_pocket(build: Build) -> None:
