@@ -14,7 +14,7 @@ import numpy as np
 
 from swarm_ctl.experiment.soak.scenario import Scenario
 
-SWARMS = {1: 8, 2: 32, 3: 26, 4: 16, 5: 12, 8: 3, 12: 2, 20: 1}
+SWARMS = {1: 5, 2: 30, 3: 30, 4: 20, 5: 10, 8: 3, 12: 1, 20: 1}
 """Vehicles, and how often in a hundred."""
 WALL_M = 0.5
 WALL_ROOM_M = 1.0
@@ -22,8 +22,8 @@ WALL_ROOM_M = 1.0
 START_ROOM_M = 1.6
 LOW_M, LEAST_HEIGHT_M = 0.4, 1.1
 """Furniture that is flown over, and the least height of who does."""
-VEHICLE_M2 = 14.0
-"""Floor for each vehicle: in less, nobody could fly at all."""
+LEAST_M2, VEHICLE_M2 = 36.0, 10.0
+"""Floor of a hall, and for each vehicle: in less, nobody could fly at all."""
 
 Keys = dict[str, Any]
 Choice = TypeVar("Choice")
@@ -82,7 +82,7 @@ def draw(seed: int) -> Scenario:
 
 def _hall(dice: Dice, vehicles: int, *, is_deep: bool) -> tuple[Keys, list[tuple[float, float]]]:
     """Draw a hall with walls and furniture, large enough for its vehicles; and their starts."""
-    area_m2 = max(60.0, VEHICLE_M2 * vehicles) * dice.number(1.0, 1.8)
+    area_m2 = max(LEAST_M2, VEHICLE_M2 * vehicles) * dice.number(1.0, 1.8)
     east_m = round(math.sqrt(area_m2) * dice.number(0.8, 1.3), 1)
     size = (east_m, round(area_m2 / east_m, 1))
     walls, lines = _walls(dice, size)
@@ -191,15 +191,16 @@ def _mission(
 ) -> Keys:
     """Draw what the swarm is to do."""
     speed_m_s = dice.number(0.4, 1.4, 1)
-    ceiling_m = round(world["ceiling_m"] - dice.number(0.5, 0.7), 2)
-    limits: Keys = {"ceiling_m": ceiling_m, "wall_m": WALL_M, "max_time_s": 200.0}
+    below_m = dice.number(0.5, 1.2 if is_deep else 0.7)
+    limits: Keys = {"ceiling_m": round(world["ceiling_m"] - below_m, 2), "max_time_s": 200.0}
+    limits |= {"floor_m": dice.number(0.4, 1.0) if is_deep else 0.4, "wall_m": WALL_M}
     limits["separation_m"] = dice.number(1.0, 1.3, 1)
     if dice.hits(0.15):
         limits["radius_m"] = dice.number(2.0, 6.0, 1)
     return {
         "vehicles": len(starts_m),
         "autopilot": dice.pick({"px4": 40, "ardupilot": 30, "mixed": 30}),
-        "duration_s": dice.number(5.0, 20.0, 0),
+        "duration_s": dice.number(4.0, 16.0, 0),
         "planner": _planner(dice, is_deep=is_deep),
         "flight": {
             "height_m": dice.number(LEAST_HEIGHT_M, 1.6, 1),

@@ -71,6 +71,8 @@ class Script:
 
     def __init__(self, scenario: Scenario, arena: Arena) -> None:
         self._arena = arena
+        self.taken_s: dict[int, float] = {}
+        """Whose pilot has chosen another mode, by index, and when he did so first."""
         self._acts = sorted(
             [(order.time_s, order.sysid, order.operator) for order in scenario.orders]
             + [(taken.time_s, taken.sysid, taken.mode) for taken in scenario.takeovers],
@@ -98,6 +100,7 @@ class Script:
                 if sysid not in {None, index + 1}:
                     continue
                 if isinstance(act, Operator):
+                    self.taken_s.pop(index, None)
                     controller.order(act, now)
                 else:
                     self._choose(index, act)
@@ -114,6 +117,7 @@ class Script:
 
     def _choose(self, index: int, mode: str) -> None:
         """Choose a mode from a ground station."""
+        self.taken_s.setdefault(index, self._arena.now)
         vehicle = self._arena.fleet.vehicles[index]
         numbers = (1.0, *MODES[vehicle.personality][mode], 0.0, 0.0, 0.0, 0.0)
         frame = _COMMAND_LONG.pack(0, *_STATION, vehicle.sysid, 1, _SET_MODE, 0, *numbers)
@@ -132,8 +136,10 @@ def fly(scenario: Scenario, *, hashed: bool = False) -> Outcome:
     began = time.process_time()
     witness = Witness(hashed=hashed)
     arena = arena_of(scenario, witness)
+    script = Script(scenario, arena)
     look = Look(scenario, arena, witness)
-    violation = _watch(look, Script(scenario, arena))
+    look.taken_s = script.taken_s
+    violation = _watch(look, script)
     return Outcome(
         scenario.seed,
         scenario.mission.vehicles,

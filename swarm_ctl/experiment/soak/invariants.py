@@ -14,10 +14,13 @@ from swarm_ctl.experiment.soak.look import Look
 
 TOUCH_M = 0.6
 """Two bodies of 0.3 m radius (mock_vehicle/referee.py)."""
+SEPARATION_SLACK_M = 0.3
 FENCE_SLACK_M = 0.5
 """What a vehicle may overshoot its fence by before it counts as outside (watch.OUTSIDE_M)."""
 HEIGHT_SLACK_M = 0.3
 """What a vehicle may overshoot floor and ceiling by."""
+HEARD_S = 2.0
+"""Until a change of mode has been heard of."""
 MOST_WAITING = 500
 """Of anything in a controller: what 20 peers and a link that was frozen bring within a tick."""
 MOST_HELD = 20_000
@@ -27,18 +30,24 @@ Check = Callable[[Look], str]
 
 
 def nobody_touches(look: Look) -> str:
-    """Promise that no two bodies touch of which one is steered and both are on the air.
+    """Promise that no two bodies touch of which one is steered, when their radios know."""
+    for i, j, gap_m in look.gaps_m:
+        if gap_m < TOUCH_M:
+            return f"vehicles {i + 1} and {j + 1} are {gap_m:.2f} m apart"
+    return ""
 
-    Never excused for two that are steered and hear each other.
+
+def steered_ones_keep_their_distance(look: Look) -> str:
+    """Promise that two that are steered and hear each other keep `limits.separation_m`.
+
+    To 0.3 m: three times the worst noise of a range that is drawn, or what two vehicles that turn
+    fly on within `flight.response_s`. Never excused.
     """
-    for i in look.range:
-        for j in range(i + 1, len(look.agents)):
-            if not (look.steered[i] or look.steered[j]) or not look.know_each_other(i, j):
-                continue
-            gap_m = math.dist(look.places_ned_m[i], look.places_ned_m[j])
-            look.closest_m = min(look.closest_m, gap_m)
-            if gap_m < TOUCH_M:
-                return f"vehicles {i + 1} and {j + 1} are {gap_m:.2f} m apart"
+    for i, j, gap_m in look.gaps_m:
+        if gap_m < look.mission.limits.separation_m - SEPARATION_SLACK_M and (
+            look.steered[i] and look.steered[j]
+        ):
+            return f"vehicles {i + 1} and {j + 1} come within {gap_m:.2f} m"
     return ""
 
 
@@ -97,6 +106,19 @@ def setpoints_leave_only_when_they_may(look: Look) -> str:
     return ""
 
 
+def nobody_fights_a_pilot(look: Look) -> str:
+    """Promise silence to an autopilot whose mode a pilot has chosen, until an operator resumes.
+
+    From 2 s after the choice on: a heartbeat comes once a second, and a tick decides.
+    """
+    for i, since_s in look.taken_s.items():
+        is_heard = look.now - since_s > HEARD_S and not look.is_out_of_hand(i)
+        if is_heard and i in look.sent and look.sent[i][1] and not look.is_ours(i):
+            mode = look.fleet.vehicles[i].mode_name
+            return f"vehicle {i + 1} was sent {look.sent[i][1]} though its pilot chose {mode}"
+    return ""
+
+
 def phases_follow_the_table(look: Look) -> str:
     """Promise that every change of phase is one of the table's."""
     for event in look.events:
@@ -119,14 +141,23 @@ def nothing_raises(look: Look) -> str:
 
 
 def victims_are_reported_once(look: Look) -> str:
-    """Promise that a vehicle reports each victim once, and only victims that are there."""
+    """Promise that a vehicle tells of each victim once, found or heard of, and of none but those.
+
+    Who is told to have found one has told so before.
+    """
     for event in look.events:
-        if event.name != "VictimFound":
+        if event.name not in {"VictimFound", "VictimHeard"}:
             continue
-        report = event.sysid, event.data["victim"]
-        if report in look.reported or not 0 <= report[1] < len(look.scenario.world.victims):
-            return f"vehicle {report[0]} reported victim {report[1]} again, or there is none"
-        look.reported.add(report)
+        victim, finder = event.data["victim"], event.data.get("finder", event.sysid)
+        if not 0 <= victim < len(look.scenario.world.victims):
+            return f"vehicle {event.sysid} tells of victim {victim}, and there is none"
+        if (event.sysid, victim) in look.reported:
+            return f"vehicle {event.sysid} tells of victim {victim} again"
+        look.reported.add((event.sysid, victim))
+        if (finder, victim) not in look.reported:
+            return (
+                f"vehicle {event.sysid} heard that {finder} found victim {victim}, which it did not"
+            )
     return ""
 
 
@@ -185,10 +216,12 @@ def everybody_is_down_in_the_end(look: Look) -> str:
 
 EVERY_TICK: tuple[Check, ...] = (
     nobody_touches,
+    steered_ones_keep_their_distance,
     nobody_hits_a_wall,
     nobody_leaves_the_fence,
     nobody_flies_too_high_or_low,
     setpoints_leave_only_when_they_may,
+    nobody_fights_a_pilot,
     phases_follow_the_table,
     nothing_raises,
     victims_are_reported_once,

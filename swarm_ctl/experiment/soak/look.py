@@ -84,8 +84,12 @@ class Look:
         """Who has sent setpoints and commands since the last tick, in which phase; their names."""
         self.events: list[Event] = []
         """Facts since the last tick."""
+        self.gaps_m: list[tuple[int, int, float]] = []
+        """Pairs of which one is steered and whose radios know each other, and how far apart."""
         self.closest_m = math.inf
         """The closest approach of a pair that may not touch."""
+        self.taken_s: dict[int, float] = {}
+        """Whose pilot has chosen another mode, and when."""
         self.wall_contacts = 0
         self.coverage = 0.0
         self.within: set[int] = set()
@@ -103,7 +107,7 @@ class Look:
 
     def advance(self) -> None:
         """Take in what the last tick brought."""
-        self.now = now = self.arena.now
+        self.now = self.arena.now
         body, vehicles = self.fleet.dynamics, self.fleet.vehicles
         self.places_ned_m = body.position_ned_m.tolist()
         self.airborne = [not grounded for grounded in body.on_ground.tolist()]
@@ -111,19 +115,34 @@ class Look:
             self.airborne[i]
             and self.agents[i].phase in STEERING
             and vehicles[i].alive
-            and not _within(self._loose_s[i], now)
+            and not self.is_out_of_hand(i)
             for i in self.range
         ]
         sent, self._witness.sent = self._witness.sent, {}
         self.sent = {i: (phase, _names(data)) for i, (phase, data) in sent.items()}
         self.events, self._witness.events = self._witness.events, []
         self._note_links()
+        self.gaps_m = [
+            (i, j, math.dist(self.places_ned_m[i], self.places_ned_m[j]))
+            for i in self.range
+            for j in self.range[i + 1 :]
+            if (self.steered[i] or self.steered[j]) and self._know_each_other(i, j)
+        ]
+        self.closest_m = min([self.closest_m, *(gap_m for _, _, gap_m in self.gaps_m)])
+
+    def is_out_of_hand(self, index: int) -> bool:
+        """Whether a fault comes between a vehicle and its controller, or did just now."""
+        return _within(self._loose_s[index], self.now)
+
+    def is_ours(self, index: int) -> bool:
+        """Whether the true mode of a vehicle is the one in which controllers steer."""
+        return self.fleet.vehicles[index].mode_name in {"OFFBOARD", "GUIDED"}
 
     def is_blind(self, index: int) -> bool:
         """Whether a fault keeps a vehicle from seeing walls."""
         return _within(self._blind_s[index], self.now)
 
-    def know_each_other(self, one: int, other: int) -> bool:
+    def _know_each_other(self, one: int, other: int) -> bool:
         """Whether the radios of a pair have reached each other long enough."""
         return self.now - self._unlinked_s.get((one, other), 0.0) > MET_S
 
