@@ -3,11 +3,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
-.PHONY: help run test sitl check lint format venv clients mosquitto bench crash fuzz soak clean
+.PHONY: help run test sitl check lint format venv clients mosquitto bench crash fuzz soak soak-mutants clean
 .DEFAULT_GOAL := help
 
 help:  ## list what can be made
-	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 12
+	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
 run: venv  ## fly the demo mission: ten UAVs search an office floor
 	$(BIN)/swarm-ctl run missions/usar_office.yaml --speed 4
@@ -43,6 +43,9 @@ fuzz: venv  ## throw a million mutated frames at mock vehicles
 
 soak: venv  ## fly ten thousand missions drawn by seed (hours on one core), and go on where it was stopped
 	$(BIN)/swarm-ctl soak --seeds 1..10000 --out runs/soak.jsonl
+
+soak-mutants: venv  ## put bugs in on purpose, and see that the soak finds each within 200 seeds
+	$(BIN)/python benchmarks/soak_mutants.py
 
 venv: $(VENV)/.stamp  ## set up .venv with every extra
 

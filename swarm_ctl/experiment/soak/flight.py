@@ -72,7 +72,7 @@ class Script:
     def __init__(self, scenario: Scenario, arena: Arena) -> None:
         self._arena = arena
         self.taken_s: dict[int, float] = {}
-        """Whose pilot has chosen another mode, by index, and when he did so first."""
+        """Whose pilot has chosen another mode in flight, by index, and when he did so first."""
         self._acts = sorted(
             [(order.time_s, order.sysid, order.operator) for order in scenario.orders]
             + [(taken.time_s, taken.sysid, taken.mode) for taken in scenario.takeovers],
@@ -117,8 +117,9 @@ class Script:
 
     def _choose(self, index: int, mode: str) -> None:
         """Choose a mode from a ground station."""
-        self.taken_s.setdefault(index, self._arena.now)
         vehicle = self._arena.fleet.vehicles[index]
+        if vehicle.flying:
+            self.taken_s.setdefault(index, self._arena.now)
         numbers = (1.0, *MODES[vehicle.personality][mode], 0.0, 0.0, 0.0, 0.0)
         frame = _COMMAND_LONG.pack(0, *_STATION, vehicle.sysid, 1, _SET_MODE, 0, *numbers)
         self._arena.fleet.receive(index, frame, self._arena.now)

@@ -109,11 +109,15 @@ def setpoints_leave_only_when_they_may(look: Look) -> str:
 def nobody_fights_a_pilot(look: Look) -> str:
     """Promise silence to an autopilot whose mode a pilot has chosen, until an operator resumes.
 
-    From 2 s after the choice on: a heartbeat comes once a second, and a tick decides.
+    From 2 s after the choice on: a heartbeat comes once a second, and a tick decides. A mode that
+    is ours again by then was refused, or never arrived.
     """
-    for i, since_s in look.taken_s.items():
-        is_heard = look.now - since_s > HEARD_S and not look.is_out_of_hand(i)
-        if is_heard and i in look.sent and look.sent[i][1] and not look.is_ours(i):
+    for i, since_s in list(look.taken_s.items()):
+        if look.now - since_s <= HEARD_S or look.is_out_of_hand(i):
+            continue
+        if look.is_ours(i):
+            del look.taken_s[i]
+        elif i in look.sent and look.sent[i][1]:
             mode = look.fleet.vehicles[i].mode_name
             return f"vehicle {i + 1} was sent {look.sent[i][1]} though its pilot chose {mode}"
     return ""
