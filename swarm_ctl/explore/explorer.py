@@ -115,7 +115,8 @@ class Explorer:
             far = math.hypot(*beam)
             if not 1e-6 < far < math.inf:
                 continue
-            axis = max(range(self._d), key=lambda index, beam=beam: abs(beam[index]))  # type: ignore[misc]
+            sizes = [abs(part) for part in beam]
+            axis = sizes.index(max(sizes))
             self._add_wall([p + half * b / far for p, b in zip(point, beam, strict=True)], axis)
 
     def hear_peer(

@@ -46,13 +46,18 @@ class VisitedMap:
         deep = 1 if dimensions == 2 else MARGIN_CELLS
         self.low = np.array([-MARGIN_CELLS, -MARGIN_CELLS, -deep // 2 if deep > 1 else 0])
         """Index of the grid's low corner among all cells; cell 0 begins at the frame's origin."""
+        self._corner: list[int] = self.low.tolist()
         self.grid: Grid = np.zeros((2 * MARGIN_CELLS, 2 * MARGIN_CELLS, deep), dtype=np.uint8)
 
     def cells(self, position_m: Sequence[float] | Floats) -> Floats:
         """Give a position in cells from the grid's low corner, (3,)."""
-        low, cell_m = self.low, self.cell_m
-        z = position_m[2] / cell_m - low[2] if self.dimensions == 3 else 0.5
-        return np.array([position_m[0] / cell_m - low[0], position_m[1] / cell_m - low[1], z])
+        return np.array(self._place(position_m))
+
+    def _place(self, position_m: Sequence[float] | Floats) -> tuple[float, float, float]:
+        """Give the same as three numbers: a point is quicker without an array."""
+        (x, y, z), cell_m = self._corner, self.cell_m
+        deep = position_m[2] / cell_m - z if self.dimensions == 3 else 0.5
+        return position_m[0] / cell_m - x, position_m[1] / cell_m - y, deep
 
     def metres(self, cells: Sequence[float] | Floats) -> list[float]:
         """Turn a position in cells (3,) into metres (dimensions,)."""
@@ -67,9 +72,8 @@ class VisitedMap:
 
     def sweep(self, start_m: Sequence[float] | Floats, end_m: Sequence[float] | Floats) -> None:
         """Mark what the footprint sweeps along a straight segment."""
+        self._reserve(self._place(start_m), self._place(end_m), self._half + 1.0)
         start, end = self.cells(start_m), self.cells(end_m)
-        if self._reserve(start, end, self._half + 1.0):
-            start, end = self.cells(start_m), self.cells(end_m)
         if kernels.IS_COMPILED:
             kernels.paint(self.grid, start, end, self._half, self._is_square)
         else:
@@ -81,7 +85,8 @@ class VisitedMap:
     ) -> Iterator[None]:
         """Take straight segments for swept, but only for a while."""
         for segment in segments_m:
-            for place in map(self.cells, segment):
+            for place_m in segment:
+                place = self._place(place_m)
                 self._reserve(place, place, self._half + 1.0)
         grid = self.grid
         if segments_m:
@@ -99,13 +104,13 @@ class VisitedMap:
         In 3-D a wall is a patch of 3 x 3 cells across the `axis` (0 to 2) along which it was seen:
         few beams would leave gaps in it otherwise.
         """
-        place = self.cells(point_m)
+        x, y, z = place = self._place(point_m)
         if self._reserve(place, place, self._dilation + 2.0):
-            place = self.cells(point_m)
-        i, j, k = (math.floor(value) for value in place)
+            x, y, z = self._place(point_m)
+        i, j, k = math.floor(x), math.floor(y), math.floor(z)
         if not self._holds(i, j, k):
             return False
-        is_new = not kernels.look(self.grid, i + 0.5, j + 0.5, k + 0.5) & WALL
+        is_new = not int(self.grid[i, j, k]) & WALL
         reach = [0, 0, 0]
         if self.dimensions == 3:
             reach = [1, 1, 1]
@@ -116,34 +121,32 @@ class VisitedMap:
 
     def give_up(self, position_m: Sequence[float] | Floats, radius_m: float) -> None:
         """Write off the unknown cells around a position, in a box of half size `radius_m`."""
-        i, j, k = (math.floor(value) for value in self.cells(position_m))
+        x, y, z = self._place(position_m)
+        i, j, k = math.floor(x), math.floor(y), math.floor(z)
         reach = math.ceil(radius_m / self.cell_m)
         self._box((i, j, k), [reach, reach, reach], GIVEN_UP)
 
     def block(self, position_m: Sequence[float] | Floats) -> None:
         """Keep ways out of the cell at a position."""
-        i, j, k = (math.floor(value) for value in self.cells(position_m))
+        x, y, z = self._place(position_m)
+        i, j, k = math.floor(x), math.floor(y), math.floor(z)
         self._box((i, j, k), [0, 0, 0], BLOCKED)
 
     def _box(self, cell: tuple[int, int, int], reach: Sequence[int], flag: int) -> None:
         if not self._holds(*cell):
             return
-        part = tuple(
-            slice(max(0, index - far), index + far + 1)
-            for index, far in zip(cell, reach, strict=True)
-        )
-        if self.dimensions == 2:
-            part = (part[0], part[1], slice(0, 1))
-        self.grid[part] |= flag
+        (i, j, k), (fx, fy, fz) = cell, reach
+        deep = slice(max(0, k - fz), k + fz + 1) if self.dimensions == 3 else slice(0, 1)
+        self.grid[max(0, i - fx) : i + fx + 1, max(0, j - fy) : j + fy + 1, deep] |= flag
 
     def _holds(self, i: int, j: int, k: int) -> bool:
         nx, ny, nz = self.grid.shape
         return bool(0 <= i < nx and 0 <= j < ny and 0 <= k < nz)
 
-    def _reserve(self, start: Floats, end: Floats, around: float) -> bool:
+    def _reserve(self, start: Sequence[float], end: Sequence[float], around: float) -> bool:
         """Grow until the grid holds a segment and what is `around` it; tell whether it grew."""
         nx, ny, nz = self.grid.shape
-        (ax, ay, az), (bx, by, bz) = start.tolist(), end.tolist()
+        (ax, ay, az), (bx, by, bz) = start, end
         deep = self.dimensions == 3
         if (
             min(ax, bx) >= around
@@ -167,6 +170,7 @@ class VisitedMap:
         x, y, z = before
         grid[x : x + nx, y : y + ny, z : z + nz] = self.grid
         self.grid, self.low = grid, self.low - before
+        self._corner = self.low.tolist()
         return True
 
 
