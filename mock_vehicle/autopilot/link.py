@@ -134,9 +134,8 @@ class Link:
         self, message: wire.Message, sysid: int, compid: int, values: tuple[object, ...]
     ) -> None:
         """Queue a frame under this link's own sequence number."""
-        sequences = self._sequences
-        sequence = sequences.get(compid, 0)
-        sequences[compid] = sequence + 1 & 0xFF
+        sequence = self._sequences.get(compid, 0)
+        self._sequences[compid] = (sequence + 1) & 0xFF
         frame = message.pack(sequence, sysid, compid, *values)
         self.outbox.append(self._gate.seal(frame, self.number))
 

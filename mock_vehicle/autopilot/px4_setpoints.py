@@ -46,11 +46,12 @@ def read(values: Any, yaw_rad: float) -> Setpoint:
     """Understand a setpoint; one with half a plane or without a vertical axis stops."""
     setpoint = _groups(values)
     moves = (setpoint.position_m, setpoint.velocity_m_s, setpoint.acceleration_m_s2)
-    if any(math.isinf(value) for group in moves for value in group):
+    given = [tuple(map(math.isnan, group)) for group in moves]
+    if any(map(math.isinf, moves[0] + moves[1] + moves[2])):
         return STOP
-    if any(math.isnan(group[0]) != math.isnan(group[1]) for group in moves):
+    if any(north != east for north, east, _ in given):
         return STOP
-    if all(math.isnan(group[0]) for group in moves) or all(math.isnan(group[2]) for group in moves):
+    if all(north for north, _, _ in given) or all(down for _, _, down in given):
         return STOP
     if values.coordinate_frame == FRAME_BODY_NED:
         # NaN of an ignored axis must not spread over the others by the rotation.

@@ -101,9 +101,8 @@ class Guard:
             return math.inf
         (vx, vy, vz), (x, y, z) = motion.velocity_ned_m_s, beam
         left_m = distance_m - self._response_s * max(0.0, vx * x + vy * y + vz * z)
-        return wall_limit(
-            left_m, self._limits.wall_m, VERTICAL_BRAKING_M_S2 if z else self._braking
-        )
+        braking = VERTICAL_BRAKING_M_S2 if z else self._braking
+        return wall_limit(left_m, self._limits.wall_m, braking)
 
     def _keep_right(self, velocity: Vec3, peers: Sequence[Neighbour]) -> Vec3:
         """Turn right of a peer in the way, as ships do: two that meet head-on would both stop."""

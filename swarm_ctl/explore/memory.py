@@ -47,6 +47,8 @@ class VisitedMap:
         self.low = np.array([-MARGIN_CELLS, -MARGIN_CELLS, -deep // 2 if deep > 1 else 0])
         """Index of the grid's low corner among all cells; cell 0 begins at the frame's origin."""
         self._corner: list[int] = self.low.tolist()
+        self._walls: set[tuple[int, int, int, int]] = set()
+        """Cells and axes of what is marked already; most walls are seen many times."""
         self.grid: Grid = np.zeros((2 * MARGIN_CELLS, 2 * MARGIN_CELLS, deep), dtype=np.uint8)
 
     def cells(self, position_m: Sequence[float] | Floats) -> Floats:
@@ -110,6 +112,11 @@ class VisitedMap:
         i, j, k = math.floor(x), math.floor(y), math.floor(z)
         if not self._holds(i, j, k):
             return False
+        cx, cy, cz = self._corner
+        wall = (i + cx, j + cy, k + cz, axis)
+        if wall in self._walls:
+            return False
+        self._walls.add(wall)
         is_new = not int(self.grid[i, j, k]) & WALL
         reach = [0, 0, 0]
         if self.dimensions == 3:

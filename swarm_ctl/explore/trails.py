@@ -223,9 +223,12 @@ class Trails:
         lacks = []
         for origin, log in self._logs.items():
             if near and log.shift_m is not None and max(map(abs, log.shift_m)) <= FAR_M:
+                length = len(log.entries)
+                if all(peer.known.get(origin, 0) >= length for peer in near):
+                    continue  # as with most logs, most of the time
                 begin = min(peer.has(origin, now) for peer in near)
-                if begin < len(log.entries):
-                    lacks.append((begin - len(log.entries), origin, begin))
+                if begin < length:
+                    lacks.append((begin - length, origin, begin))
         payloads: list[bytes] = []
         for _, origin, start in sorted(lacks):
             begin = start
