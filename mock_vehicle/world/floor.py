@@ -72,19 +72,27 @@ def flood(free: Bools, north: Bools, east: Bools, seeds: NDArray[np.int_]) -> Bo
 
     `north` (nx - 1, ny) and `east` (nx, ny - 1) tell where a cell's next neighbour can be entered.
     """
-    unseen = np.pad(free, 1).reshape(-1)
-    up = np.pad(north, ((1, 2), (1, 1))).reshape(-1)
-    right = np.pad(east, ((1, 1), (1, 2))).reshape(-1)
-    width = free.shape[1] + 2
-    reached = np.zeros_like(unseen)
-    front = np.unique((seeds[:, 0] + 1) * width + seeds[:, 1] + 1)
-    while len(front := front[unseen[front]]):
-        unseen[front] = False
-        reached[front] = True
-        ways = [front[up[front]] + width, front[up[front - width]] - width]
-        ways += [front[right[front]] + 1, front[right[front - 1]] - 1]
-        front = np.unique(np.concatenate(ways))
-    return reached.reshape(-1, width)[1:-1, 1:-1]
+    by_row = _runs(east & free[:, :-1] & free[:, 1:])
+    by_column = _runs((north & free[:-1] & free[1:]).T).T
+    reached = np.zeros_like(free)
+    reached[seeds[:, 0], seeds[:, 1]] = True
+    reached &= free
+    before = np.zeros_like(free)
+    while (reached != before).any():
+        before = reached
+        for runs in (by_row, by_column):
+            touched = np.zeros(runs.size, dtype=bool)
+            touched[runs[reached]] = True
+            reached = touched[runs]
+    return reached
+
+
+def _runs(joined: Bools) -> NDArray[np.intp]:
+    """Give each cell the number of its run: of those in its row that are joined, (nx, ny - 1)."""
+    begins = np.ones((joined.shape[0], joined.shape[1] + 1), dtype=bool)
+    begins[:, 1:] = ~joined
+    runs: NDArray[np.intp] = begins.cumsum().reshape(begins.shape) - 1
+    return runs
 
 
 def largest_area(free: Bools, north: Bools, east: Bools) -> Bools:
