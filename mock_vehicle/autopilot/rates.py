@@ -21,10 +21,8 @@ PX4_LEAN = _intervals_s(
     {
         "HEARTBEAT": 1.0,
         "ATTITUDE": 10.0,
-        "ATTITUDE_QUATERNION": 10.0,
         "LOCAL_POSITION_NED": 10.0,
         "DISTANCE_SENSOR": 10.0,
-        "VFR_HUD": 10.0,
         "EXTENDED_SYS_STATE": 5.0,
         "SYS_STATUS": 5.0,
         "BATTERY_STATUS": 0.5,

@@ -96,8 +96,6 @@ def test_px4_streams_by_itself_and_ardupilot_waits_to_be_asked() -> None:
         "EXTENDED_SYS_STATE",
         "BATTERY_STATUS",
         "DISTANCE_SENSOR",
-        "ATTITUDE_QUATERNION",
-        "VFR_HUD",
     }
     assert len(px4.times("ATTITUDE")) == 30
     assert len(px4.times("EXTENDED_SYS_STATE")) == 15
