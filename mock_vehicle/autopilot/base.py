@@ -167,6 +167,12 @@ class Autopilot(Personality):
 
     # Frames.
 
+    def send_all(self, message: wire.Message, rows: Sequence[tuple[object, ...]]) -> None:
+        """Queue a frame per row of values, as `send` would each."""
+        for link in self.to:
+            for values in rows:
+                link.send(message, self.sysid, AUTOPILOT_COMPID, values)
+
     def send(self, message: wire.Message, *values: object, compid: int = AUTOPILOT_COMPID) -> None:
         """Queue a frame on the links that are served at the moment."""
         for link in self.to:

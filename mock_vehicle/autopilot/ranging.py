@@ -50,14 +50,22 @@ def centimetres(metres: float) -> int:
 
 def distance_sensors(autopilot: Autopilot, now: float) -> None:
     """Send the rangefinders that work; beyond max_distance there is nothing."""
-    time, send = boot_ms(autopilot, now), autopilot.send
+    time = boot_ms(autopilot, now)
     reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
     nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
     mountings = MOUNTINGS[autopilot.traits.backward]
-    for range_m, mounting in zip(autopilot.state.ranges_m, mountings, strict=True):
-        if range_m == range_m:  # noqa: PLR0124 - not NaN, and six times cheaper than asking
-            distance = round(range_m * 100.0) if range_m <= reach_m else farthest + 1
-            send(DISTANCE_SENSOR, time, nearest, farthest, distance, *mounting)
+    rows = [
+        (
+            time,
+            nearest,
+            farthest,
+            round(range_m * 100.0) if range_m <= reach_m else farthest + 1,
+            *mounting,
+        )
+        for range_m, mounting in zip(autopilot.state.ranges_m, mountings, strict=True)
+        if range_m == range_m  # noqa: PLR0124 - not NaN, and six times cheaper than asking
+    ]
+    autopilot.send_all(DISTANCE_SENSOR, rows)
 
 
 def obstacle_distance(autopilot: Autopilot, now: float) -> None:

@@ -111,10 +111,10 @@ class Explorer:
             return
         place, half = self._place, 0.5 * self.params.cell_m
         for point in points_m.tolist():
-            beam = [p - own for p, own in zip(point, place, strict=True)]
-            far = math.hypot(*beam)
+            far = math.dist(point, place)
             if not 1e-6 < far < math.inf:
                 continue
+            beam = [p - own for p, own in zip(point, place, strict=True)]
             sizes = [abs(part) for part in beam]
             axis = sizes.index(max(sizes))
             self._add_wall([p + half * b / far for p, b in zip(point, beam, strict=True)], axis)
