@@ -23,6 +23,7 @@ from swarm_ctl.mission import Mission, load_mission
 from swarm_ctl.model import Operator
 from swarm_ctl.record import flight_journal
 from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.journal import read_journal
 
 EXPLORES = ("exploring", "avoiding")
 LOUD = {"radio": {"radius_m": 30.0}}
@@ -213,6 +214,20 @@ def test_what_was_known_is_known_again(begin: Begin, kind: str) -> None:
             own = old.sysid
             assert new.explorer.trails.length(own) == old.explorer.trails.length(own)
             assert new.explorer.written_off == old.explorer.written_off
+
+
+def test_a_victim_is_reported_once_also_by_a_successor(begin: Begin) -> None:
+    flight = exploring(begin, 1.0, vehicles=3, world=LOUD)
+    flight.fly_until(
+        lambda: all(flight.agent(sysid).victims.known for sysid in (1, 2, 3)), within_s=300.0
+    )
+    flight.crash()
+    flight.fly(8.0)
+    events = read_journal(flight.folder.path / "events.jsonl")
+    reports = [one for one in events if one["event"] in {"VictimFound", "VictimHeard"}]
+    assert sorted(one["sysid"] for one in reports) == [1, 2, 3]
+    assert [one["event"] for one in reports].count("VictimFound") == 1
+    assert [one["event"] for one in events].count("ControllerRestarted") == 3
 
 
 def test_the_map_is_the_same_but_for_a_hand_s_breadth(begin: Begin) -> None:

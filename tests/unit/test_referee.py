@@ -68,7 +68,7 @@ def test_ground_that_two_have_seen_is_counted_twice(tmp_path: Path) -> None:
     hall = world(tmp_path, "footprint: square, radius_m: 0.5, cell_m: 0.1")
     ground = Coverage(hall, hall.starts(1, 1)[0])
     east = np.linspace(2.0, 12.0, 21)
-    track = np.full((21, 3, 3), (5.0, 0.0, -1.5))
+    track = np.full((21, 3, 3), (5.0, 9.5, -1.5))
     track[:, 0, 1], track[:, 1, 1] = east, np.minimum(east, 7.0)
     airborne = np.array([[True, True, False]] * 21)  # the third stands in the first one's way
     seers = ground.seers(track, airborne)
