@@ -173,6 +173,7 @@ class Peer:
         (offset, velocity, _), place, known_s = self.last
         age_s, is_down = now - known_s, self.beacon is not None and self.beacon.phase in _DOWN
         if age_s > ZONE_S or is_down or math.hypot(*offset) > within_m:
+            self.last = None
             return None
         fastest = math.hypot(*velocity) + self.acceleration_m_s2 * age_s
         reach_m = min(fastest, self.speed_m_s) * age_s

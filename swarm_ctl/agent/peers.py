@@ -101,7 +101,11 @@ class PeerTable:
         heard = self.heard(now)
         if len(heard) == len(self._peers):
             return []
-        silent = (peer for sysid, peer in self._peers.items() if sysid not in heard)
+        silent = (
+            peer
+            for sysid, peer in self._peers.items()
+            if peer.last is not None and sysid not in heard
+        )
         zones = (peer.zone(own_ned_m, within_m, now) for peer in silent)
         return [zone for zone in zones if zone is not None]
 

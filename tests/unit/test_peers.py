@@ -1,3 +1,4 @@
+import math
 import struct
 
 import pytest
@@ -367,3 +368,36 @@ def test_more_neighbours_than_fit_into_a_beacon_are_told_in_turns() -> None:
         told.beacon(1, received, 1.0 + 0.2 * tick, NORTH_10)
     assert table.announced(1.0) != everybody
     assert told.cluster(1.8) == (1, *everybody)
+
+
+# -- nonsense ------------------------------------------------------------------------------------
+
+far = st.floats(-650.0, 650.0)
+vectors = st.builds(Vec3, far, far, far)
+sysids = st.integers(1, 4)
+phases = st.sampled_from(list(Phase))
+told = st.builds(
+    Beacon, st.just(TAG), phases, vectors, vectors, st.none(), st.lists(sysids).map(tuple)
+)
+shifts = st.none() | st.builds(Shift, vectors, st.floats(0.0, 5.0))
+measures = st.builds(PeerFix, sysids, vectors, st.floats(-1.0, 0.0))
+happenings = st.tuples(st.lists(measures, max_size=3), sysids, st.none() | told, shifts)
+
+
+@given(st.lists(st.tuples(happenings, st.floats(0.0, 3.0)), max_size=25))
+def test_no_story_of_fixes_and_beacons_leads_nowhere(
+    story: list[tuple[tuple[list[PeerFix], int, Beacon | None, Shift | None], float]],
+) -> None:
+    table, now, own = PeerTable(sysid=1), 0.0, Vec3(1.0, 2.0, -1.5)
+    for (fixes, sysid, beacon_or_none, shift), later_s in story:
+        now += later_s
+        table.fix([fix._replace(measured_s=now + fix.measured_s) for fix in fixes], own, ZERO, now)
+        if beacon_or_none is not None:
+            table.beacon(sysid, beacon_or_none, now, shift)
+        near, zones = table.near(own, now), table.zones(own, 2.0, now)
+        assert len(near) == len(table.heard(now))
+        assert set(table.heard(now)) - {1} <= set(table.cluster(now))
+        for peer in near + zones:
+            assert all(map(math.isfinite, (*peer.offset_ned_m, *peer.velocity_ned_m_s)))
+            assert 0.0 <= peer.doubt_m <= max(MOST_DOUBT_M, ZONE_M)
+        table.met(now), table.contacts(now), table.doubts(own, now)
