@@ -515,10 +515,10 @@ def test_a_run_without_matplotlib_has_no_pictures_and_says_so(
     office_truth(tmp_path)
     genuine = builtins.__import__
 
-    def without(name: str, *rest: Any) -> Any:
+    def without(name: str, *rest: Any, **more: Any) -> Any:
         if name.startswith("matplotlib"):
             raise ImportError(name)
-        return genuine(name, *rest)
+        return genuine(name, *rest, **more)
 
     monkeypatch.setattr(builtins, "__import__", without)
     (note,) = draw_pictures(tmp_path, summed(tmp_path))
