@@ -75,7 +75,9 @@ def test_a_lost_ground_station_sends_the_vehicle_home_by_its_own_failsafe(
         report("yielded after, s", flight.waits_for("yielded", within_s=30.0))
         assert "its autopilot's own failsafe chose" in flight.reason(alpha.sysid)
         flight.ends(DOWN_S)
-    assert not alpha.is_armed
+        assert not alpha.is_armed
+        alpha.beats = True  # ArduCopter forgets this failsafe only while the parameter is set
+        alpha.stands_ready()
     assert was_left_alone(flight, alpha)
 
 

@@ -13,6 +13,8 @@ from sitl.airfield import Airfield
 from sitl.flown import MISSION
 from sitl.station import Station
 
+from swarm_ctl.autopilot.complaints import FRESH_S
+
 pytestmark = [pytest.mark.sitl, pytest.mark.timeout(300)]
 
 BITES = {
@@ -73,9 +75,12 @@ def test_an_arducopter_without_a_position_says_what_it_waits_for(airfield: Airfi
     assert code == 1, said
     ((phase, reason),) = flight.results().values()
     assert phase == "failed"
-    texts = [event["data"]["text"] for event in flight.events("StatusText")]
-    own = [text.removeprefix("PreArm: ") for text in texts if text.startswith("PreArm: ")]
-    assert reason == f"not ready after 25 s: no local position ({own[-1]})"
+    texts = flight.events("StatusText")
+    until_s = flight.events("PhaseChanged")[-1]["time_s"] - FRESH_S
+    said_last = [event["data"]["text"] for event in texts if event["time_s"] > until_s]
+    own = [text.removeprefix("PreArm: ") for text in said_last if text.startswith("PreArm: ")]
+    why = f" ({'; '.join(dict.fromkeys(own))})" if own else ""
+    assert reason == f"not ready after 25 s: no local position{why}"
 
 
 def test_a_px4_that_a_check_keeps_on_the_ground_says_which(airfield: Airfield) -> None:

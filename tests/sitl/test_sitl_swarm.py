@@ -14,6 +14,8 @@ from sitl.simulators import Hangar
 pytestmark = [pytest.mark.sitl, pytest.mark.timeout(900)]
 
 DURATION_S = 180.0
+SECONDS_OF_BEACONS = 20
+"""Frames that a vehicle carried to its companion while it was near a peer for some seconds."""
 SENSORS = {
     f"RNGFND{number}_{name}": value
     for number, orientation in enumerate(ORIENTATIONS["ardupilot"], 1)
@@ -45,5 +47,7 @@ def test_a_mixed_swarm_explores_a_hall_and_touches_nothing(
     assert code == 0, said
     assert {phase for phase, _ in flight.results().values()} == {"done"}
     assert (rig.contacts, rig.wall_contacts) == (0, 0)
-    contacts = flight.events("ContactsChanged")
-    assert {event["sysid"] for event in contacts} == {one.sysid for one in swarm}, "all heard peers"
+    met = {one.sysid for one in swarm if rig.carried[f"to {one.sysid}"] >= SECONDS_OF_BEACONS}
+    heard = {event["sysid"] for event in flight.events("ContactsChanged")}
+    assert len(met) >= 2, "nobody came near anybody"
+    assert met <= heard, "whoever came near a peer heard it"
