@@ -154,4 +154,6 @@ def _between(one_m_s: float, other_m_s: float) -> tuple[float, float]:
     One wall that is very near is seen by the wide beams on both sides, too; were each to push, the
     whole velocity would be cut off, and with it the way off that wall.
     """
+    if one_m_s >= 0.0 <= other_m_s:
+        return one_m_s, other_m_s
     return max(one_m_s, -max(other_m_s, 0.0)), max(other_m_s, -max(one_m_s, 0.0))
