@@ -355,7 +355,7 @@ class Agent:
                 self.peers.unread += 1
             elif beacon.mission == self._tag:
                 shift = shift_between(self.frame.start(self.telemetry), beacon.start)
-                self.peers.beacon(sysid, beacon, now, shift)
+                self.peers.beacon(sysid, beacon, now, shift, frame.seq)
             else:
                 self.peers.estrange(sysid, now)
         elif not self.peers.is_ours(sysid):

@@ -17,6 +17,8 @@ KEPT_S = 3.0
 """A track whose last fix is older begins anew."""
 STRANGE_S = 5.0
 """For so long after another mission's beacon nobody of that sysid is ours: it may be two."""
+OVERTAKEN = 64
+"""Frames that a late one may be behind, a few seconds; a sender farther back has begun anew."""
 LISTED_S = 2.0
 """Whom a peer has not named for so long it hears no more: it tells long lists in turns."""
 
@@ -45,6 +47,7 @@ class PeerTable:
         self._turn = 0
         self._doubted: set[int] = set()
         self._strange_s: dict[int, float] = {}
+        self._last: dict[int, tuple[int, float]] = {}
 
     def fix(self, fixes: Iterable[PeerFix], own_ned_m: Vec3, own_m_s: Vec3, now: float) -> None:
         """Take what the radio has measured, from where the vehicle was then."""
@@ -65,13 +68,27 @@ class PeerTable:
             if peer.beacon is not None and now - peer.beacon_s <= FRESH_S:
                 peer.track.hear(peer.beacon, now)
 
-    def beacon(self, sysid: int, beacon: Beacon, now: float, shift: Shift | None = None) -> None:
+    def beacon(
+        self,
+        sysid: int,
+        beacon: Beacon,
+        now: float,
+        shift: Shift | None = None,
+        seq: int | None = None,
+    ) -> None:
         """Take a beacon, also of a peer that was never measured.
 
-        `shift` leads from the peer's frame into the own one; None when they share nothing.
+        `shift` leads from the peer's frame into the own one; None when they share nothing. One
+        in a frame whose number `seq` is not newer than the last one's is doubled or overtaken:
+        several ways may carry the same frames, each as slow as it is.
         """
         if now - self._strange_s.get(sysid, -math.inf) < STRANGE_S:
             return
+        last, last_s = self._last.get(sysid, (0, -math.inf))
+        if seq is not None:
+            if now - last_s <= FRESH_S and (last - seq) & 0xFF <= OVERTAKEN:
+                return
+            self._last[sysid] = seq, now
         self._strange_s.pop(sysid, None)
         self._heard_s = math.nan
         self._peer(sysid).hear(beacon, shift, now)

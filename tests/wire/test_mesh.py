@@ -27,12 +27,14 @@ from swarm_ctl.link.broadcast import Broadcast
 from swarm_ctl.link.mesh import Mesh, Transport, _broadcasts
 from swarm_ctl.link.url import Network, parse_peers
 from swarm_ctl.mission import load_mission
-from swarm_ctl.model import ZERO, Setpoint
+from swarm_ctl.model import ZERO, Setpoint, Vec3
+from swarm_ctl.signing import Verdict, key_of
 
 pytestmark = pytest.mark.wire
 
 PATIENCE_S = 5.0
 QUIET_S = 0.1
+KEY, BEGAN = key_of("swarm"), 1 << 45
 TUNNEL = wire.message("TUNNEL")
 
 
@@ -213,6 +215,62 @@ def test_an_agent_takes_beacons_alone_from_the_mesh(tmp_path: Path) -> None:
     assert agent.peers.is_ours(2)
     assert not agent.peers.is_ours(1)
     assert not agent.peers.is_ours(3), "what is no companion flies no mission"
+
+
+def beacon_frame(sender: Sender, x_m: float = 0.0) -> bytes:
+    place = Vec3(x_m, 0.0, 0.0)
+    beacon = Beacon(mission_tag("hall"), Phase.EXPLORING, ZERO, place, None, ())
+    return sender.broadcast(BEACON_TYPE, encode(beacon))
+
+
+def sender_with(sysid: int, key: bytes) -> Sender:
+    sender = Sender(sysid)
+    sender.gate.take_key(key, BEGAN)
+    return sender
+
+
+async def test_a_swarm_with_a_key_refuses_and_counts_who_has_none_and_what_is_played_again(
+    process: Process, tmp_path: Path
+) -> None:
+    agent = Agent(1, orders_of(load_mission(write_hall(tmp_path, {}))))
+    agent.sign_with(KEY, BEGAN)
+    own = (await process()).join(Cable(), 1)
+    own.watch(lambda data, _: agent.overhear(data, 1.0))
+    others = (await process())._transport
+    signed = beacon_frame(sender_with(2, KEY))
+    forged = beacon_frame(sender_with(4, key_of("another")))
+    for sysid, data in ((2, signed), (3, beacon_frame(Sender(3))), (4, forged), (2, signed)):
+        assert others.send(sysid, data)
+    await until(lambda: agent.sender.gate.refused.total() == 3)
+    assert [agent.peers.is_ours(sysid) for sysid in (2, 3, 4)] == [True, False, False]
+    assert agent.sender.gate.refused == {
+        Verdict.UNSIGNED: 1,
+        Verdict.FORGED: 1,
+        Verdict.REPLAYED: 1,
+    }
+
+
+@pytest.mark.parametrize("is_signed", [False, True])
+def test_what_comes_by_two_ways_counts_once_and_late_beacons_not_at_all(
+    tmp_path: Path, is_signed: bool
+) -> None:
+    agent, sender = Agent(1, orders_of(load_mission(write_hall(tmp_path, {})))), Sender(2)
+    if is_signed:
+        agent.sign_with(KEY, BEGAN)
+        sender = sender_with(2, KEY)
+    old, new = beacon_frame(sender, 1.0), beacon_frame(sender, 2.0)
+    agent.overhear(old + new, 1.0)
+    agent.receive(old + new, 1.5)
+    known = agent.peers._peers[2]
+    assert known.beacon_s == 1.0, "what was heard again is as old as before"
+    assert known.beacon is not None
+    assert known.beacon.position_ned_m.x == 2.0
+    agent.receive(beacon_frame(sender, 3.0), 1.6)
+    assert known.beacon.position_ned_m.x == 3.0
+    begun_anew = sender_with(2, KEY) if is_signed else Sender(2)
+    begun_anew.gate.advance(9.0)
+    agent.overhear(beacon_frame(begun_anew, 4.0), 9.0)
+    assert known.beacon.position_ned_m.x == 4.0
 
 
 @pytest.mark.parametrize(

@@ -2,90 +2,156 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from mosquitto import Mosquitto
 from session import Session
 
 from mock_vehicle.testing import Plan, RealSwarm, Truth, launch
+from swarm_ctl import wire
+from swarm_ctl.agent.beacon import SUMMARY_TYPE
 from swarm_ctl.cli import main
+from swarm_ctl.explore.trails import _pairs
 
 pytestmark = pytest.mark.wire
 
 SPEED = 5
 PATIENCE_S = 400.0
 """Mission time."""
-STARTS_APART_M = 2.0
-WORLD = """
-name: room
-size_m: [8, 8]
-starts: [{position_m: [3, 4]}, {position_m: [5, 4]}]
-gnss: {reception: denied}
-radio: {radius_m: 0}
-"""
+STARTS_M = {1: [3, 3, 0], 2: [5, 3, 0], 3: [4, 5, 0]}
+WORLD: dict[str, Any] = {
+    "name": "room",
+    "size_m": [8, 8],
+    "starts": [{"position_m": [east, north]} for north, east, _ in STARTS_M.values()],
+    "gnss": {"reception": "denied"},
+    "radio": {"radius_m": 0},
+}
 MISSION: dict[str, Any] = {
     "duration_s": 20.0,
-    "planner": {"kind": "lf-pso", "levy_min_m": 2.0, "avoid_distance_m": 0.7},
-    "frame": {"shared": "surveyed", "starts_m": {1: [3, 4, 0], 2: [5, 4, 0]}},
+    "planner": {"kind": "explore", "levy_min_m": 2.0, "avoid_distance_m": 0.7},
+    "frame": {"shared": "surveyed", "starts_m": STARTS_M},
 }
 
 
-def contacts(run: Path) -> list[list[int]]:
-    """Give whom a vehicle came to hear, one list each time."""
-    entries = [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
-    return [e["data"]["gained"] for e in entries if e["event"] == "ContactsChanged"]
+@pytest.fixture
+def fly(tmp_path: Path, peers_url: str) -> Iterator[Callable[..., Fleet]]:
+    """Give a function that flies vehicles, each by a process of its own."""
+    (tmp_path / "room.yaml").write_text(yaml.safe_dump(WORLD))
+    with contextlib.ExitStack() as stack:
+
+        def begin(vehicles: int, **changes: Any) -> Fleet:
+            (tmp_path / "search.yaml").write_text(yaml.safe_dump({**MISSION, **changes}))
+            plan = {"autopilot": "mixed", "vehicles": vehicles, "speed": SPEED, "rates": "lean"}
+            swarm = stack.enter_context(launch(Plan.of({**plan, "world": tmp_path / "room.yaml"})))
+            assert isinstance(swarm, RealSwarm)
+            return Fleet(swarm, tmp_path, peers_url)
+
+        yield begin
 
 
-def apart_m(truths: list[Truth]) -> float:
-    (north, east, down), other = truths[0].position_ned_m, truths[1].position_ned_m
-    return math.dist((north, east - STARTS_APART_M, down), other)
+class Fleet:
+    """Vehicles of a mock in the air, their controllers' processes, and what these leave behind."""
 
-
-def test_vehicles_of_two_processes_keep_apart_by_the_mesh(tmp_path: Path, peers_url: str) -> None:
-    world, mission = tmp_path / "room.yaml", tmp_path / "search.yaml"
-    world.write_text(WORLD)
-    mission.write_text(yaml.safe_dump(MISSION))
-    fly = [sys.executable, "-m", "swarm_ctl", "fly", str(mission), "--speed", str(SPEED)]
-    plan = {"autopilot": "mixed", "vehicles": 2, "world": world, "speed": SPEED, "rates": "lean"}
-    nearest_m = math.inf
-    with launch(Plan.of(plan)) as swarm:
-        assert isinstance(swarm, RealSwarm)
-        processes = [
+    def __init__(self, swarm: RealSwarm, folder: Path, peers: str) -> None:
+        self.swarm = swarm
+        self.nearest_m = math.inf
+        self._folder = folder
+        words = [sys.executable, "-m", "swarm_ctl", "fly", str(folder / "search.yaml")]
+        words += ["--speed", str(SPEED), "--peers", peers]
+        self._processes = [
             subprocess.Popen(
-                [
-                    *fly,
-                    "--connect",
-                    swarm[n].url,
-                    "--out",
-                    str(tmp_path / str(n)),
-                    "--peers",
-                    peers_url,
-                ],
+                [*words, "--connect", swarm[n].url, "--out", str(folder / str(n))],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
             )
             for n in swarm.sysids
         ]
 
-        def have_landed(truths: list[Truth]) -> bool:
-            nonlocal nearest_m
-            nearest_m = min(nearest_m, apart_m(truths))
-            return all(process.poll() is not None for process in processes)
+    def fly_until(self, is_so: Callable[[], bool]) -> None:
+        def look(truths: list[Truth]) -> bool:
+            places = [
+                [p + s for p, s in zip(one.position_ned_m, start, strict=True)]
+                for one, start in zip(truths, STARTS_M.values(), strict=False)
+            ]
+            apart_m = [math.dist(*both) for both in combinations(places, 2)]
+            self.nearest_m = min(self.nearest_m, *apart_m)
+            return is_so()
 
-        swarm.wait_until(have_landed, PATIENCE_S)
-    assert [process.communicate()[1] for process in processes] == [b"", b""]
-    assert [process.returncode for process in processes] == [0, 0]
-    assert [2] in contacts(tmp_path / "1")
-    assert [1] in contacts(tmp_path / "2")
-    assert nearest_m > 0.7
-    print(f"closest approach {nearest_m:.2f} m")  # noqa: T201
+        self.swarm.wait_until(look, PATIENCE_S)
+
+    def end(self) -> list[str]:
+        """Wait for the landings; give what each process complained about."""
+        self.fly_until(lambda: all(one.poll() is not None for one in self._processes))
+        complaints = [one.communicate()[1].decode() for one in self._processes]
+        assert [one.returncode for one in self._processes] == [0] * len(self._processes)
+        return complaints
+
+    def met(self, sysid: int, which: str = "gained") -> list[int]:
+        """Give whom a vehicle came to hear, or lost, in this order."""
+        file = self._folder / str(sysid) / "events.jsonl"
+        lines = file.read_text().split("\n")[:-1] if file.exists() else []
+        entries = [json.loads(line) for line in lines]
+        changes = [e["data"][which] for e in entries if e["event"] == "ContactsChanged"]
+        return [peer for change in changes for peer in change]
+
+    def trails_known(self, sysid: int) -> dict[int, int]:
+        """Give how much of whose trail a vehicle has told that it knows, by its own record."""
+        (tlog,) = (self._folder / str(sysid)).rglob("*.tlog")
+        known: dict[int, int] = {}
+        for frame in wire.Parser(("TUNNEL",)).feed(tlog.read_bytes()):
+            said = frame.values
+            if frame.sysid == sysid and said.payload_type == SUMMARY_TYPE:
+                pairs = _pairs(said.payload[: said.payload_length]) or []
+                known.update((origin & 0xFF, length) for origin, length in pairs)
+        return known
+
+
+@pytest.mark.parametrize("peers_url", ["multicast"], indirect=True)
+def test_vehicles_of_two_processes_keep_apart_by_the_mesh(fly: Callable[..., Fleet]) -> None:
+    fleet = fly(2, planner={**MISSION["planner"], "kind": "lf-pso"})
+    assert fleet.end() == ["", ""]
+    assert fleet.nearest_m > 0.7
+    print(f"closest approach {fleet.nearest_m:.2f} m")  # noqa: T201
+
+
+def test_vehicles_of_three_processes_find_one_another_and_share_trails(
+    fly: Callable[..., Fleet],
+) -> None:
+    fleet = fly(3)
+    assert fleet.end() == ["", "", ""]
+    for sysid in STARTS_M:
+        others = set(STARTS_M) - {sysid}
+        assert others <= set(fleet.met(sysid))
+        known = fleet.trails_known(sysid)
+        assert all(known.get(other, 0) > 3 for other in others), known
+
+
+@pytest.mark.parametrize("peers_url", ["mqtt"], indirect=True)
+def test_a_broker_that_dies_in_flight_disturbs_nobody_and_comes_back(
+    fly: Callable[..., Fleet], broker: Mosquitto
+) -> None:
+    fleet = fly(2, duration_s=90.0)
+    fleet.fly_until(lambda: bool(fleet.met(1) and fleet.met(2)))
+    broker.kill()
+    fleet.fly_until(lambda: bool(fleet.met(1, "lost") and fleet.met(2, "lost")))
+    broker.start()
+    complaints = fleet.end()
+    assert fleet.met(1) == [2, 2]
+    assert fleet.met(2)[:2] == [1, 1]
+    for words in complaints:
+        assert words.count("flying on without peers over it") == 1
+        assert words.count("connected again") == 1
+        assert words.count("\n") == 2
 
 
 @pytest.mark.parametrize(
