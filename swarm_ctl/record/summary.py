@@ -318,13 +318,13 @@ def _radio(summary: Mapping[str, Any]) -> Text | None:
 
 def _news(summary: Mapping[str, Any]) -> Text | None:
     """Say how fast those in contact, then or later, came to know of victims."""
-    lag_s, all_s = summary["victim_lag_median_s"], summary["victim_all_max_s"]
+    lag_s, all_s = summary["victim_lag_max_s"], summary["victim_all_max_s"]
     untold = summary["victim_untold"]
     if lag_s is None and not untold:
         return None
     text = Text("victims told to peers")
     if lag_s is not None:
-        text.append(f" {lag_s:.1f} s after contact, {summary['victim_lag_max_s']:.1f} s at most")
+        text.append(f" at most {lag_s:.1f} s after contact")
     if all_s is not None:
         text.append(f"; all knew of each within {all_s:.0f} s")
     if untold:

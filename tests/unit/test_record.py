@@ -481,6 +481,25 @@ def test_the_report_speaks_plain_words(tmp_path: Path) -> None:
         assert words in text
 
 
+def test_the_report_says_how_the_swarm_held_together(tmp_path: Path) -> None:
+    office_truth(tmp_path)
+    summary = summed(tmp_path)
+    text = printed(report_lines(summary))
+    assert not {"radio", "news", "overlap"} & set(text.split()), "nobody knows"
+    summary |= {"together_fraction": 0.63, "splits": 2, "rejoins": 1, "alone_longest_s": 41.0}
+    summary |= {"victim_lag_max_s": 0.54, "victim_all_max_s": 12.0, "victim_untold": 3}
+    summary |= {"redundant_fraction": 0.31, "vehicles_per_cell": 1.4}
+    text = " ".join(printed(report_lines(summary), width=200).split())
+    for words in (
+        "radio all in contact 63% of the time; fell apart twice, rejoined once; one vehicle was",
+        "news victims told to peers at most 0.5 s after contact; all knew of each within 12 s; 3",
+        "overlap 31% of what was seen was seen by several; 1.4 vehicles a place on average",
+    ):
+        assert words in text
+    whole = printed(report_lines({**summary, "together_fraction": 1.0}))
+    assert "all in contact all the time" in whole
+
+
 # -- pictures --------------------------------------------------------------------------------------
 
 PICTURES = ("paths.png", "coverage.png", "coverage_map.png")
