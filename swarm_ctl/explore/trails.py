@@ -30,7 +30,7 @@ FAR_M = 327.67
 """What a shift can say in int16 centimetres; the logs of frames farther off are not passed on."""
 CONTACT_S = 3.0
 """A peer met so lately is told what it lacks. Batch trials meet once a second: where 70 % of all
-beacons get lost, they explore 2 points less with 1.5 s."""
+beacons get lost, they explore a point less with 1.5 s."""
 STALE_S = 10.0
 """A peer not met for longer may have begun anew elsewhere meanwhile, which takes longer than this:
 what it tells has no place until it is met."""
