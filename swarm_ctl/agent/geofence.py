@@ -20,6 +20,8 @@ FENCE_M = 0.3
 """Kept to the fence: what a vehicle overshoots, also one whose controller is killed there."""
 GIVE_WAY_M = 0.6
 """A peer this much beyond the separation, straight ahead, is passed on the right."""
+SOON_S = 1.0
+"""In so long a vehicle that flies level has left the way of one that climbs or descends."""
 GIVE_WAY, IN_THE_WAY = 0.6, 0.7
 """Speed aside per speed ahead; cosine of the angle within which a peer is in the way."""
 
@@ -120,11 +122,15 @@ class Guard:
         return velocity
 
     def _levelled(self, peers: Sequence[Neighbour]) -> list[Neighbour]:
-        """Flatten peers at about the own height; who is far above or below is in nobody's way."""
+        """Flatten peers at about the own height; who is far above or below is in nobody's way.
+
+        Unless it comes closer: whoever takes off from below is at the own height soon.
+        """
+        separation_m = self._limits.separation_m
         return [
             Neighbour(Vec3(offset.x, offset.y, 0.0), velocity, doubt_m)
             for offset, velocity, doubt_m in peers
-            if abs(offset.z) < self._limits.separation_m
+            if abs(offset.z) < separation_m or abs(offset.z + SOON_S * velocity.z) < separation_m
         ]
 
     def _peers(self, motion: Motion, peers: Sequence[Neighbour]) -> list[Constraint]:

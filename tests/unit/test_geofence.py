@@ -110,3 +110,11 @@ def test_a_doubtful_peer_is_kept_as_far_off_as_one_that_is_so_much_nearer(
     kept = GUARD.confine(wanted, at_rest(), CLEAR, [doubtful])
     assert kept == pytest.approx(GUARD.confine(wanted, at_rest(), CLEAR, [nearer]))
     assert kept.y < GUARD.confine(wanted, at_rest(), CLEAR, [doubtful._replace(doubt_m=0.0)]).y
+
+
+def test_on_one_level_a_peer_on_the_ground_is_flown_over_and_one_that_takes_off_is_not() -> None:
+    guard = Guard(LIMITS, FlightParams(), is_level=True)
+    below, ahead = Vec3(0.6, 0.0, 1.4), Vec3(1.0, 0.0, 0.0)
+    stands, rises = Neighbour(below, ZERO), Neighbour(below, Vec3(0.0, 0.0, -0.8))
+    assert guard.confine(ahead, at_rest(), CLEAR, [stands]).x > 0.9
+    assert guard.confine(ahead, at_rest(), CLEAR, [rises]).x < 0.1
