@@ -55,6 +55,7 @@ def find_way(
     padded = np.pad(memory.grid, 1)
     unknown = _unknown(padded, memory.dimensions, gap_cells)
     ranks = _frontier(unknown, memory.dimensions)
+    ranks[padded & VISITED == 0] = 0  # no way leads there, and most of a map is unknown
     _rank(ranks, unknown, memory, position_m, others)
     corners = _corners(memory, position_m, padded, ranks, unknown)
     if corners:
