@@ -273,7 +273,26 @@ def _radio(dice: Dice, mission: Keys) -> Keys:
         from_s = dice.number(5.0, 20.0, 1)
         apart = {"from_s": from_s, "until_s": round(from_s + dice.number(1.0, 15.0), 1)}
         radio["partitions"] = [{**apart, "groups": [[*range(1, mission["vehicles"], 2)] or [1]]}]
+    if dice.hits(0.2):
+        radio["ranging"] |= _hard_ranging(dice)
+    if dice.hits(0.15):
+        radio["path_loss"] = {
+            "wall_db": dice.number(1.0, 7.0, 1),
+            "shadowing_db": dice.pick({0.0: 50, 2.0: 30, 4.0: 20}),
+        }
+    if dice.hits(0.15):
+        radio["channel"] = {"bit_rate_bit_s": dice.pick({57_600.0: 50, 250_000.0: 50})}
     return radio
+
+
+def _hard_ranging(dice: Dice) -> Keys:
+    """Draw errors that do not average out; blind is a vehicle behind, where its peers see it."""
+    return {
+        "range_bias_m": dice.pick({0.0: 40, 0.05: 40, 0.1: 20}),
+        "bearing_bias_deg": dice.pick({0.0: 50, 2.0: 50}),
+        "outlier_fraction": dice.pick({0.0: 50, 0.05: 30, 0.15: 20}),
+        "blind": [{"from_deg": 150.0, "to_deg": 210.0}] if dice.hits(0.3) else [],
+    }
 
 
 # What goes wrong, and who interferes.
