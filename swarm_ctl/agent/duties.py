@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 CHECK_AGAIN_S = 4.0
 """Between two questions what keeps a vehicle from being ready."""
+WAY_UP_S = 4.0
+"""How long it stays down for who is right above; autopilots disarm by themselves after 10 s."""
 ARM_S = 30.0
 TAKE_BACK_S = 8.0
 """In flight a change of mode is asked for once; without effect by then, its pilot keeps it."""
@@ -112,6 +114,8 @@ def take_off(agent: Agent) -> Vec3 | None:
         enough_m = min(enough_m, agent.orders.limits.floor_m)
     if telemetry.height_m > enough_m:
         agent.enter(Cause.AIRBORNE, "")
+        return None if by_command else ZERO
+    if agent.in_phase_s < WAY_UP_S and _is_below_somebody(agent):
         return None if by_command else ZERO
     if not telemetry.armed and agent.in_phase_s > MODE_LAG_S:
         agent.enter(Cause.DISARMED, f"disarmed before it flew: {agent.why_not()}")
@@ -225,6 +229,15 @@ def _is_free_below(agent: Agent) -> bool:
     telemetry = agent.telemetry
     return telemetry.ranges_m[DOWN] > telemetry.height_m - ON_GROUND_M and all(
         math.hypot(peer.offset_ned_m.x, peer.offset_ned_m.y) > agent.orders.limits.separation_m
+        for peer in agent.neighbours
+    )
+
+
+def _is_below_somebody(agent: Agent) -> bool:
+    """Whether a peer flies where this vehicle is about to climb."""
+    return any(
+        peer.offset_ned_m.z < -ON_GROUND_M
+        and math.hypot(peer.offset_ned_m.x, peer.offset_ned_m.y) < agent.orders.limits.separation_m
         for peer in agent.neighbours
     )
 

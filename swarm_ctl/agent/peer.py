@@ -42,6 +42,10 @@ _DOWN = frozenset({Phase.CONNECTING, Phase.READY, Phase.LANDING, Phase.DONE})
 """Who fell silent in one of these stands on the ground, or nearly; above it, all may fly."""
 
 
+RISING_M_S = 1.0
+"""How fast who takes off climbs at most, soon."""
+
+
 class Neighbour(NamedTuple):
     """Where a peer is now, and how it moves."""
 
@@ -139,6 +143,8 @@ class Peer:
         if measured is None:
             raise ValueError("a peer whose place is not known is not near")
         self.last = measured, own, now
+        if self.beacon is not None and self.beacon.phase is Phase.TAKEOFF:
+            return _rising(measured)
         return measured
 
     def measured(self, own: Vec3, now: float) -> Neighbour | None:
@@ -201,6 +207,12 @@ class Peer:
 def doubt_m(error_m: float) -> float:
     """Give what is to be kept beside the separation from a peer that may be so far off."""
     return min(max(error_m - USUAL_M, 0.0), MOST_DOUBT_M)
+
+
+def _rising(peer: Neighbour) -> Neighbour:
+    """Take who is about to climb, still on the ground perhaps, for climbing already."""
+    x, y, z = peer.velocity_ned_m_s
+    return peer._replace(velocity_ned_m_s=Vec3(x, y, min(z, -RISING_M_S)))
 
 
 def _nearer(measured: Neighbour, told: Neighbour | None) -> Neighbour:

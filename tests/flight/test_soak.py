@@ -159,3 +159,11 @@ def test_a_scenario_that_cannot_be_is_refused_with_its_key(
     status, said = shell("--scenario", file)
     assert status == 2
     assert sentence in said
+
+
+def test_whoever_takes_off_is_given_way_to_by_those_who_fly_above() -> None:
+    """Once vehicle 1 flew over the start of 3 as it climbed, and they came within 0.60 m."""
+    outcome = fly(draw(579))
+    assert outcome.violation is None
+    assert outcome.closest_m is not None
+    assert outcome.closest_m > 1.0
