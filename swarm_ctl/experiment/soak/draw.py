@@ -256,7 +256,7 @@ def _radio(dice: Dice, mission: Keys) -> Keys:
     radio: Keys = {
         "radius_m": dice.number(least_m, least_m + 8.0, 1),
         "delay_s": dice.pick({0.0: 50, 0.1: 30, 0.2: 20}),
-        "loss_fraction": dice.pick({0.0: 40, 0.1: 20, 0.3: 30, 0.5: 10}),
+        "loss_fraction": dice.pick({0.0: 40, 0.1: 25, 0.3: 35}),
         "ranging": {
             "range_noise_m": dice.pick({0.0: 40, 0.05: 50, 0.1: 10}),
             "bearing_noise_deg": dice.pick({0.0: 50, 2.0: 30, 5.0: 20}),

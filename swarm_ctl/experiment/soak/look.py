@@ -17,6 +17,8 @@ from swarm_ctl.record.unrecorded import Unrecorded
 _IDS = {wire.message(name).id: name for name in ("SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG")}
 MET_S = 2.0
 """Two radios that reached each other for so long know of each other (peers.FRESH_S, twice)."""
+MOST_LOST = 0.5
+"""Share of frames that a spoilt radio may lose and still count as one."""
 HEALED_S = 3.0
 """From the end of a fault to full control: a heartbeat, a round trip, and what is flown meanwhile
 (PX4 offboard loss 1 s, ArduPilot's GUID_TIMEOUT 3 s)."""
@@ -162,10 +164,10 @@ class Look:
         return index in kept and beyond_m > slack_m and beyond_m > slack_m + self.error_m(index)
 
     def _note_links(self) -> None:
-        linked = self.fleet.radio.linked.tolist()
+        linked, lost = self.fleet.radio.linked.tolist(), self.fleet.radio.extra_loss.tolist()
         for i in self.range:
-            for j in range(i + 1, len(self.agents)):
-                if not (linked[i][j] and linked[j][i]):
+            for j in self.range[i + 1 :]:
+                if not (linked[i][j] and linked[j][i]) or max(lost[i], lost[j]) > MOST_LOST:
                     self._unlinked_s[i, j] = self.now
 
 
