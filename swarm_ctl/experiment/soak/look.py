@@ -35,8 +35,15 @@ OUT_OF_HAND: Mapping[str, float] = {
     "link-freeze": HEALED_S,
 }
 """Faults with which nobody can steer a vehicle, and for how long after they have healed."""
-BLIND: Mapping[str, float] = {"rangefinder-stuck": HEALED_S, "rangefinder-noise": HEALED_S}
-"""Faults with which a vehicle cannot tell where the walls are, though it believes to."""
+BLIND: Mapping[str, float] = {
+    "rangefinder-stuck": HEALED_S,
+    "rangefinder-noise": HEALED_S,
+    "gnss-glitch": HEALED_S,
+}
+"""Faults with which a vehicle hits a wall that it cannot see, or to which its own autopilot flies
+as it corrects, in a take-off by command, what it takes for an error."""
+RUNAWAY_M_S = 0.3
+"""Whoever is out of hand and faster than this runs away; in a corner nobody can make room."""
 
 
 class Witness(Unrecorded):
@@ -128,7 +135,9 @@ class Look:
             (i, j, math.dist(self.places_ned_m[i], self.places_ned_m[j]))
             for i in self.range
             for j in self.range[i + 1 :]
-            if (self.steered[i] or self.steered[j]) and self._know_each_other(i, j)
+            if (self.steered[i] or self.steered[j])
+            and self._know_each_other(i, j)
+            and not (self._runs_away(i) or self._runs_away(j))
         ]
         self.closest_m = min([self.closest_m, *(gap_m for _, _, gap_m in self.gaps_m)])
 
@@ -143,6 +152,12 @@ class Look:
     def is_blind(self, index: int) -> bool:
         """Whether a fault keeps a vehicle from seeing walls."""
         return _within(self._blind_s[index], self.now)
+
+    def _runs_away(self, index: int) -> bool:
+        if not self.is_out_of_hand(index):
+            return False
+        velocity = self.fleet.dynamics.velocity_ned_m_s[index].tolist()
+        return math.hypot(*velocity) > RUNAWAY_M_S
 
     def _know_each_other(self, one: int, other: int) -> bool:
         """Whether the radios of a pair have reached each other long enough."""
