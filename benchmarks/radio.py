@@ -187,7 +187,7 @@ def main() -> None:
         if not (count := getattr(options, part)):
             continue
         jobs = jobs_of(range(1, count + 1), options.starts)
-        wanted = itertools.chain.from_iterable(jobs.values())
+        wanted = itertools.chain.from_iterable(zip(*jobs.values(), strict=True))
         for row in pursue(wanted, options.file, options.workers):
             coverage[row["job"]] = row["coverage"]
             if row.get("contacts") or row.get("troubles"):
