@@ -46,6 +46,8 @@ class Hall:
     duration_s: float = 300.0
     world: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Blocks of the world file, laid over its own key by key."""
+    mission: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Blocks of the mission file, likewise."""
 
     def name(self) -> str:
         """Name this flight among others of one file."""
@@ -55,14 +57,10 @@ class Hall:
         """Fly until nobody explores any more; what the referee saw, and the CPU time it took, s."""
         began = time.process_time()
         with tempfile.TemporaryDirectory() as folder:
-            world = yaml.safe_load((MISSIONS / "worlds" / "open_3d.yaml").read_text("utf-8"))
-            for block, keys in self.world.items():
-                world[block] = {**world.get(block, {}), **keys}
-            file = Path(folder) / "world.yaml"
-            file.write_text(yaml.safe_dump(world), "utf-8")
+            world = MISSIONS / "worlds" / "open_3d.yaml"
             mission = load_mission(
-                HALL,
-                world=file,
+                _changed(HALL, self.mission, Path(folder) / "mission.yaml"),
+                world=_changed(world, self.world, Path(folder) / "world.yaml"),
                 vehicles=self.vehicles,
                 planner=self.planner,
                 duration_s=self.duration_s,
@@ -120,6 +118,15 @@ def pursue(
                     with file.open("a", encoding="utf-8") as log:
                         log.write(json.dumps(row) + "\n")
                 yield row
+
+
+def _changed(file: Path, changes: Mapping[str, Mapping[str, Any]], copy: Path) -> Path:
+    """Write a copy of a YAML file with some keys of its blocks changed."""
+    content = yaml.safe_load(file.read_text("utf-8"))
+    for block, keys in changes.items():
+        content[block] = {**content.get(block, {}), **keys}
+    copy.write_text(yaml.safe_dump(content), "utf-8")
+    return copy
 
 
 def _do(job: Job) -> Row:

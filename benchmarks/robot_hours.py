@@ -22,13 +22,16 @@ RANGING = {"range_noise_m": 0.05, "bearing_noise_deg": 1.5, "delay_s": 0.2}
 WORLD = {"radio": {"delay_s": 0.2, "loss_fraction": 0.3, "ranging": RANGING}}
 SWARMS = [("lf-pso", 10), ("explore", 10), ("lf-pso", 30), ("explore", 30)]
 """Planner and vehicles; in turns."""
+FLIGHT = {"climb_m_s": 0.5}
+"""1 m/s along a way that climbs by 30 degrees, as in the study; 1 m/s of climb beside 1 m/s on the
+level would be 1.4 m/s."""
 
 
 def halls(duration_s: float) -> Iterator[Hall]:
     """Give flights without end."""
     for seed in itertools.count(1):
         for planner, vehicles in SWARMS:
-            yield Hall(seed, vehicles, planner, duration_s, WORLD)
+            yield Hall(seed, vehicles, planner, duration_s, WORLD, {"flight": FLIGHT})
 
 
 def upper_bound(contacts: int, hours: float) -> float:
