@@ -188,7 +188,10 @@ def main() -> None:
             continue
         jobs = jobs_of(range(1, count + 1), options.starts)
         wanted = itertools.chain.from_iterable(zip(*jobs.values(), strict=True))
+        names = {job.name() for several in jobs.values() for job in several}
         for row in pursue(wanted, options.file, options.workers):
+            if row["job"] not in names:
+                continue
             coverage[row["job"]] = row["coverage"]
             if row.get("contacts") or row.get("troubles"):
                 print(f"{row['job']}: {row['contacts']} contacts, {row['troubles']}", flush=True)
