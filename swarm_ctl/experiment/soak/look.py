@@ -35,15 +35,12 @@ OUT_OF_HAND: Mapping[str, float] = {
     "link-freeze": HEALED_S,
 }
 """Faults with which nobody can steer a vehicle, and for how long after they have healed."""
-BLIND: Mapping[str, float] = {
-    "rangefinder-stuck": HEALED_S,
-    "rangefinder-noise": HEALED_S,
-    "gnss-glitch": HEALED_S,
-}
-"""Faults with which a vehicle hits a wall that it cannot see, or to which its own autopilot flies
-as it corrects, in a take-off by command, what it takes for an error."""
+BLIND: Mapping[str, float] = {"rangefinder-stuck": HEALED_S, "rangefinder-noise": HEALED_S}
+"""Faults with which a vehicle cannot tell where the walls are, though it believes to."""
 RUNAWAY_M_S = 0.3
 """Whoever is out of hand and faster than this runs away; in a corner nobody can make room."""
+SHIFTED: Mapping[str, float] = {"gnss-glitch": HEALED_S}
+"""Faults by which an ArduPilot that takes off flies aside: no setpoint may follow that command."""
 
 
 class Witness(Unrecorded):
@@ -113,10 +110,14 @@ class Look:
         faults = [parse_fault(text) for text in scenario.faults if "controller:" not in text]
         self._loose_s = [_spans(faults, index + 1, OUT_OF_HAND) for index in self.range]
         self._blind_s = [_spans(faults, index + 1, BLIND) for index in self.range]
+        self._shifted_s = [_spans(faults, index + 1, SHIFTED) for index in self.range]
+        self._rising_s: dict[int, float] = {}
 
     def advance(self) -> None:
         """Take in what the last tick brought."""
-        self.now = self.arena.now
+        self.now = now = self.arena.now
+        rising = (i for i in self.range if self.agents[i].phase is Phase.TAKEOFF)
+        self._rising_s.update(dict.fromkeys(rising, now))
         body, vehicles = self.fleet.dynamics, self.fleet.vehicles
         self.places_ned_m = body.position_ned_m.tolist()
         self.airborne = [not grounded for grounded in body.on_ground.tolist()]
@@ -150,8 +151,15 @@ class Look:
         return self.fleet.vehicles[index].mode_name in {"OFFBOARD", "GUIDED"}
 
     def is_blind(self, index: int) -> bool:
-        """Whether a fault keeps a vehicle from seeing walls."""
-        return _within(self._blind_s[index], self.now)
+        """Whether a fault keeps a vehicle from seeing walls, or its autopilot flies to the side."""
+        return _within(self._blind_s[index], self.now) or (
+            _within(self._shifted_s[index], self.now) and self._has_just_risen(index)
+        )
+
+    def _has_just_risen(self, index: int) -> bool:
+        """Whether ArduPilot takes off, to which nobody says where, or did a moment ago."""
+        by_itself = self.fleet.vehicles[index].personality == "ardupilot"
+        return by_itself and self.now - self._rising_s.get(index, -math.inf) < HEALED_S
 
     def _runs_away(self, index: int) -> bool:
         if not self.is_out_of_hand(index):
