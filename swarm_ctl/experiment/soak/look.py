@@ -125,6 +125,7 @@ class Look:
             self.airborne[i]
             and self.agents[i].phase in STEERING
             and vehicles[i].alive
+            and self.is_ours(i)
             and not self.is_out_of_hand(i)
             for i in self.range
         ]
