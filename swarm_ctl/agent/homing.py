@@ -17,6 +17,8 @@ ROUTE_S = 8.0
 STUCK_M = 0.3
 """Who came no farther on a way home waits for a peer, or cuts a corner that the guard forbids."""
 STUCK_TIMES = 2
+FIRST_DETOUR = 2
+"""Routes over own ground before a shorter way is tried again; the next time twice as many."""
 Cell = tuple[int, int, int]
 
 
@@ -110,6 +112,7 @@ class Homeward:
         self._until_s = 0.0
         self._from_ned_m = ZERO
         self._times_stuck = 0
+        self._own_routes, self._detour_routes = 0, FIRST_DETOUR
         self._arrived_s: float | None = None
 
     def restart(self) -> None:
@@ -130,13 +133,18 @@ class Homeward:
     def route(self, place: Vec3, now: float, way: Callable[[bool], list[Vec3]]) -> Route:
         """Give the route to follow from here.
 
-        `way(own)` finds one, over ground flown by this vehicle alone when `own` is true: it is,
-        for good, once routes have led nowhere for longer than a peer takes to pass.
+        `way(own)` finds one, over ground flown by this vehicle alone when `own` is true: it is for
+        a while, and each time for longer, once routes have led nowhere for longer than a peer takes
+        to pass. Behind the corner that was in the way there is often a shorter one.
         """
         if self._route is None or now >= self._until_s:
             is_stuck = self._route is not None and math.dist(place, self._from_ned_m) < STUCK_M
             self._times_stuck += is_stuck
-            self._route = Route(way(self._times_stuck >= STUCK_TIMES))
+            if self._times_stuck >= STUCK_TIMES:
+                self._times_stuck, self._own_routes = 0, self._detour_routes
+                self._detour_routes *= 2
+            self._route = Route(way(self._own_routes > 0))
+            self._own_routes = max(0, self._own_routes - 1)
             self._until_s, self._from_ned_m = now + ROUTE_S, place
         return self._route
 

@@ -70,3 +70,16 @@ def test_a_way_home_that_leads_nowhere_is_left_for_the_own_trail(
     for turns in (0.0, 0.5, 1.0, 2.0, 3.5):
         homeward.route(Vec3(turns * moved_m, 0, -1), turns * ROUTE_S, way)
     assert asked == list(map(bool, own))
+
+
+def test_behind_the_corner_that_was_in_the_way_the_shorter_way_is_tried_again() -> None:
+    asked: list[bool] = []
+
+    def way(own: bool) -> list[Vec3]:
+        asked.append(own)
+        return [Vec3(9, 0, -1)]
+
+    homeward = Homeward()
+    for turn, north in enumerate([0.0, 0.0, 0.0, 2.0, 4.0, 4.0, 4.0, 6.0, 8.0, 10.0, 12.0]):
+        homeward.route(Vec3(north, 0, -1), turn * ROUTE_S, way)
+    assert asked == [False] * 2 + [True] * 2 + [False] * 2 + [True] * 4 + [False]
