@@ -154,6 +154,8 @@ def draw(jobs: Jobs, coverage: Mapping[str, float], picture: Path) -> None:
                 (case for case in jobs if case[0] == kind and case[3 - index] == usual),
                 key=lambda case: float(case[index]),
             )
+            if not cases:
+                continue
             found = [statistic([100.0 * coverage[j.name()] for j in jobs[case]]) for case in cases]
             axis.errorbar(
                 [scale * case[index] for case in cases],
@@ -165,7 +167,7 @@ def draw(jobs: Jobs, coverage: Mapping[str, float], picture: Path) -> None:
             axis.plot([at for at, _ in known], [share for _, share in known], "x", color=colour)
         axis.set_xlabel(label)
         axis.grid(visible=True, alpha=0.3)
-    figure.axes[0].set_ylabel("explored, % (x: ALGORITHM)")
+    figure.axes[0].set_ylabel("explored, % (x: the study)")
     figure.axes[0].legend(fontsize=8, loc="lower left")
     figure.savefig(picture, dpi=150)
 
