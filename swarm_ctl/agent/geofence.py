@@ -95,21 +95,6 @@ class Guard:
                 rooms = _between(self._room(motion, one, one_m), self._room(motion, other, other_m))
                 seen = zip((one, other), rooms, strict=True)
                 kept += [Constraint(*beam, room) for beam, room in seen if room < math.inf]
-        return kept + self._between_beams(motion, ranges_m)
-
-    def _between_beams(self, motion: Motion, ranges_m: Sequence[float]) -> list[Constraint]:
-        """Bound the speed towards what two wide beams side by side both see: it lies between them.
-
-        Along either of them such a wall comes nearer more slowly than it does.
-        """
-        kept: list[Constraint] = []
-        for ahead in (0, 1):
-            for aside in (2, 3):
-                farther_m = max(ranges_m[ahead], ranges_m[aside])
-                if farther_m < math.inf:
-                    between = _diagonal(ahead, aside, motion.yaw_rad)
-                    room = self._room(motion, between, farther_m)
-                    kept.append(Constraint(*between, max(room, 0.0)))
         return kept
 
     def _room(self, motion: Motion, beam: Vec3, distance_m: float) -> float:
@@ -178,10 +163,3 @@ def _between(one_m_s: float, other_m_s: float) -> tuple[float, float]:
     if one_m_s >= 0.0 <= other_m_s:
         return one_m_s, other_m_s
     return max(one_m_s, -max(other_m_s, 0.0)), max(other_m_s, -max(one_m_s, 0.0))
-
-
-def _diagonal(ahead: int, aside: int, yaw_rad: float) -> Vec3:
-    """Give the direction half-way between two level rangefinders."""
-    one, other = _beam(ahead, yaw_rad), _beam(aside, yaw_rad)
-    half = math.sqrt(0.5)
-    return Vec3((one.x + other.x) * half, (one.y + other.y) * half, 0.0)

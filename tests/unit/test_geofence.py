@@ -44,18 +44,6 @@ def test_who_is_very_near_a_wall_comes_off_it_though_its_wide_beams_see_it_on_bo
     assert safe.x == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_wall_between_two_wide_beams_is_braked_for_as_fast_as_it_comes() -> None:
-    ranges = [1.2, math.inf, math.inf, 1.2, math.inf, math.inf]  # aslant, ahead on the right
-    half = math.sqrt(0.5)
-    aslant = Vec3(half, half, 0.0)
-    moving = Motion(Vec3(0, 0, -2), aslant, 0.0)
-    safe = GUARD.confine(aslant, moving, ranges, [])
-    head_on = GUARD.confine(
-        Vec3(1, 0, 0), Motion(Vec3(0, 0, -2), Vec3(1, 0, 0), 0.0), [1.2, *CLEAR[1:]], []
-    )
-    assert half * (safe.x + safe.y) == pytest.approx(head_on.x, abs=0.01)
-
-
 def test_a_wall_pushes_no_farther_than_there_is_room_behind() -> None:
     ranges = [0.3, 0.6, *CLEAR[2:]]
     assert GUARD.confine(ZERO, at_rest(), ranges, []).x == pytest.approx(-0.2, abs=0.01)
