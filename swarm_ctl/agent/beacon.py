@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from swarm_ctl.agent.frame import FAR_M, Place
@@ -20,7 +21,8 @@ _HEAD = struct.Struct("<BIB3h3i3iB3iB")
 """Version, mission, phase, velocity cm/s, position cm, target cm, kind of start, start, number of
 heard peers; a start is nothing, NED in cm, or latitude and longitude in degE7, altitude in cm."""
 _NO_TARGET = -(2**31)
-_FAR_CM = round(FAR_M * 100.0)
+FAR_CM = round(FAR_M * 100.0)
+"""Nobody of the swarm is farther from anything it tells of."""
 _NO_START, _SURVEYED, _GEODETIC = range(3)
 _ID = struct.Struct("<I")  # ids are 32 bits wide, as MAVLink's own are about to be
 _PHASES = tuple(Phase)
@@ -55,11 +57,11 @@ def mission_tag(name: str) -> int:
 
 def encode(beacon: Beacon) -> bytes:
     """Pack a beacon into at most 128 bytes."""
-    velocity = _centimetres(beacon.velocity_ned_m_s, 2**15 - 1)
-    position = _centimetres(beacon.position_ned_m, _FAR_CM)
+    velocity = centimetres(beacon.velocity_ned_m_s, 2**15 - 1)
+    position = centimetres(beacon.position_ned_m)
     target = [_NO_TARGET] * 3
     if beacon.target_ned_m is not None:
-        target = _centimetres(beacon.target_ned_m, _FAR_CM)
+        target = centimetres(beacon.target_ned_m)
     heard = beacon.heard[:MOST_HEARD]
     head = _HEAD.pack(
         VERSION,
@@ -81,11 +83,11 @@ def decode(payload: bytes) -> Beacon | None:
     version, mission, phase, *numbers, kind, a, b, c, count = _HEAD.unpack_from(payload)
     fits = _HEAD.size + count * _ID.size <= len(payload)
     has_target = numbers[6] != _NO_TARGET
-    is_near = max(map(abs, numbers[: 9 if has_target else 6])) <= _FAR_CM
+    is_near = max(map(abs, numbers[: 9 if has_target else 6])) <= FAR_CM
     if version != VERSION or phase >= len(_PHASES) or not fits or not is_near:
         return None
     heard = struct.unpack_from(f"<{count}I", payload, _HEAD.size)
-    velocity, position, target = (_metres(numbers[at : at + 3]) for at in (0, 3, 6))
+    velocity, position, target = (metres(numbers[at : at + 3]) for at in (0, 3, 6))
     return Beacon(
         mission,
         _PHASES[phase],
@@ -102,7 +104,7 @@ def _packed_start(start: Place | None) -> tuple[int, ...]:
         case Geodetic(latitude, longitude, altitude):
             return _GEODETIC, round(latitude * 1e7), round(longitude * 1e7), round(altitude * 100.0)
         case Vec3():
-            return _SURVEYED, *_centimetres(start, _FAR_CM)
+            return _SURVEYED, *centimetres(start)
         case None:
             return _NO_START, 0, 0, 0
 
@@ -110,14 +112,16 @@ def _packed_start(start: Place | None) -> tuple[int, ...]:
 def _start(kind: int, a: int, b: int, c: int) -> Place | None:
     """Read a start; one that is nowhere is none."""
     if kind == _SURVEYED:
-        return _metres([a, b, c])
+        return metres([a, b, c])
     is_somewhere = abs(a) <= 900_000_000 and abs(b) <= 1_800_000_000
     return Geodetic(a * 1e-7, b * 1e-7, c / 100.0) if kind == _GEODETIC and is_somewhere else None
 
 
-def _centimetres(vector: Vec3, most: int) -> list[int]:
+def centimetres(vector: Vec3, most: int = FAR_CM) -> list[int]:
+    """Give a vector as it travels, no component larger than `most`."""
     return [max(-most, min(most, round(value * 100.0))) for value in vector]
 
 
-def _metres(numbers: list[int]) -> Vec3:
+def metres(numbers: Sequence[int]) -> Vec3:
+    """Read a vector that travelled in centimetres."""
     return Vec3(numbers[0] / 100.0, numbers[1] / 100.0, numbers[2] / 100.0)

@@ -36,14 +36,12 @@ ZONE_S = 5.0
 anywhere, and who stopped in a door would keep it shut."""
 ZONE_M = 1.0
 """Most that is kept, beside the separation, from where it was."""
+RISING_M_S = 1.0
+"""How fast who takes off climbs at most, soon."""
 STILL_M_S = 0.1
 """Who tells one place again and again, and a larger velocity, has frozen."""
 _DOWN = frozenset({Phase.CONNECTING, Phase.READY, Phase.LANDING, Phase.DONE})
 """Who fell silent in one of these stands on the ground, or nearly; above it, all may fly."""
-
-
-RISING_M_S = 1.0
-"""How fast who takes off climbs at most, soon."""
 
 
 class Neighbour(NamedTuple):

@@ -13,7 +13,7 @@ import struct
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from swarm_ctl.agent.frame import FAR_M
+from swarm_ctl.agent.beacon import FAR_CM, centimetres, metres
 from swarm_ctl.agent.peer import Meeting
 from swarm_ctl.agent.phases import BEFORE_START
 from swarm_ctl.model import Vec3
@@ -32,7 +32,6 @@ _HEAD = struct.Struct("<BB")
 """Version, bytes of the set of known numbers, which follows (bit i: victim i)."""
 _REPORT = struct.Struct("<BI3i")
 """Number, finder, place in the teller's own frame, cm."""
-_FAR_CM = round(FAR_M * 100.0)
 
 
 class Report(NamedTuple):
@@ -137,9 +136,7 @@ def encode(known: Iterable[int], reports: Sequence[Report]) -> bytes:
     told = numbers.to_bytes((numbers.bit_length() + 7) // 8, "little")
     packed = [_HEAD.pack(VERSION, len(told)), told]
     for report in reports[:PER_PAYLOAD]:
-        place = (
-            max(-_FAR_CM, min(_FAR_CM, round(value * 100.0))) for value in report.position_ned_m
-        )
+        place = centimetres(report.position_ned_m)
         packed.append(_REPORT.pack(report.number, report.finder, *place))
     return b"".join(packed)
 
@@ -154,7 +151,7 @@ def decode(payload: bytes) -> tuple[int, list[Report]] | None:
         return None
     reports = []
     for number, finder, *place in _REPORT.iter_unpack(packed):
-        if max(map(abs, place)) > _FAR_CM:
+        if max(map(abs, place)) > FAR_CM:
             return None
-        reports.append(Report(number, finder, Vec3(*(value / 100.0 for value in place))))
+        reports.append(Report(number, finder, metres(place)))
     return int.from_bytes(told, "little"), reports
