@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
-.PHONY: help run test sitl check lint format venv clients mosquitto bench crash fuzz soak soak-mutants clean
+.PHONY: help run test sitl check lint format venv clients mosquitto bench crash docs fuzz soak soak-mutants clean
 .DEFAULT_GOAL := help
 
 help:  ## list what can be made
@@ -31,6 +31,10 @@ lint: clients  ## format check, lint, types, import contracts
 format: venv  ## format and fix in place
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+docs: venv  ## build the documentation as a site into build/site; a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "build/site/index.html"
 
 bench: venv  ## measure codec, ray casting and virtual time
 	$(BIN)/python benchmarks/run.py
@@ -70,4 +74,4 @@ mosquitto:  ## install the MQTT broker that tests start, if it is missing and we
 	} || echo "mosquitto is missing and cannot be installed: tests of the bus are skipped"
 
 clean:  ## remove the virtual environment, runs and caches
-	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) runs build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
