@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.bus.messages import MOST_BYTES, Ack, Order, ack_topic, order_topic
+from swarm_ctl.bus.messages import (
+    MOST_BYTES,
+    Ack,
+    Coverage,
+    Event,
+    Info,
+    Order,
+    State,
+    Status,
+    ack_topic,
+    order_topic,
+    read,
+    topic,
+)
 from swarm_ctl.bus.mqtt import PASSWORD_VARIABLE, Broker, in_words
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Operator
@@ -68,6 +85,7 @@ def test_an_acknowledgement_is_read_as_it_was_written() -> None:
     ack = Ack("b7", "land", accepted=True, phase="landing", time_s=12.5)
     assert Ack.load(ack.dump()) == ack
     assert json.loads(ack.dump()) == {
+        "v": 1,
         "id": "b7",
         "order": "land",
         "accepted": True,
@@ -131,3 +149,70 @@ def test_a_reason_is_one_line() -> None:
     nested = ExceptionGroup("many", [ExceptionGroup("more", [OSError("no\n  way")])])
     assert in_words(nested) == "no way"
     assert in_words(TimeoutError()) == "TimeoutError"
+
+
+# -- what is told --------------------------------------------------------------------------------
+
+PAGE = (Path(__file__).parents[2] / "docs" / "bus.md").read_text()
+EXAMPLES = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)]
+STATUS = Status("2026-11-22T09:00:00+00:00", 3, "online")
+COVERAGE = Coverage("2026-11-22T09:00:00+00:00", 3, 7, 12.5, 0.2, [[1, -2, 3]])
+
+
+@pytest.mark.parametrize("kind", [Info, Status, State, Event, Coverage])
+def test_the_page_shows_every_payload_with_all_its_keys(
+    kind: type[Info | Status | State | Event | Coverage],
+) -> None:
+    (example,) = (e for e in EXAMPLES if e.keys() == {"v", *kind.__slots__})
+    told = kind.load(json.dumps(example).encode())
+    assert told is not None
+    assert json.loads(told.dump()) == example
+
+
+def test_what_is_told_is_known_by_its_topic() -> None:
+    assert read("swarm/hall/3/status", STATUS.dump()) == STATUS
+    assert read("swarm/hall/3/coverage", COVERAGE.dump()) == COVERAGE
+    assert read("swarm/hall/3/coverage/all", COVERAGE.dump()) == COVERAGE
+    assert read("swarm/hall/3/state", STATUS.dump()) is None
+    for elsewhere in ("swarm/hall/order", "swarm/hall/3/ack", "swarm", "", "swarm/hall/3/event"):
+        assert read(elsewhere, STATUS.dump()) is None
+    assert topic("hall", 3, "status") == "swarm/hall/3/status"
+
+
+def test_keys_that_are_new_are_left_out_and_another_version_is_not_read() -> None:
+    said = json.loads(STATUS.dump())
+    assert Status.load(json.dumps({**said, "colour": "red"}).encode()) == STATUS
+    assert Status.load(json.dumps({**said, "v": 2}).encode()) is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"time_s": "soon"},
+        {"time_s": True},
+        {"time_s": math.nan},
+        {"number": 1.5},
+        {"rows": {}},
+        {"rows": [[1, 2, None]]},
+        {"run": None},
+    ],
+)
+def test_a_key_of_another_type_is_not_read(change: dict[str, object]) -> None:
+    said = {**json.loads(COVERAGE.dump()), **change}
+    assert Coverage.load(json.dumps(said).encode()) is None
+
+
+def test_a_number_that_is_none_is_told_as_nobody_knows() -> None:
+    (example,) = (e for e in EXAMPLES if "ranges_m" in e)
+    state = State.load(json.dumps(example).encode())
+    assert state is not None
+    strange = replace(state, link_age_s=math.inf, ranges_m=[math.inf, math.nan, 1.0])
+    told = State.load(strange.dump())
+    assert told is not None
+    assert (told.link_age_s, told.ranges_m) == (None, [None, None, 1.0])
+
+
+@given(st.binary(max_size=200) | st.recursive(st.text(), st.lists).map(json.dumps).map(str.encode))
+def test_whatever_is_told_is_read_or_left(payload: bytes) -> None:
+    for leaf in ("status", "state", "event/1", "coverage"):
+        read(f"swarm/hall/3/{leaf}", payload)

@@ -124,7 +124,7 @@ async def test_an_order_to_one_reaches_it_alone(start: Start) -> None:
     crew = Crew(broker.url)
     async with crew.on_duty(), ear(broker) as operator:
         await operator.say("swarm/hall/2/order", '{"order": "return", "id": "b7"}')
-        answer = {"id": "b7", "order": "return", "accepted": True, "phase": "exploring"}
+        answer = {"v": 1, "id": "b7", "order": "return", "accepted": True, "phase": "exploring"}
         assert await operator.acks(1) == [
             ("swarm/hall/2/ack", {**answer, "time_s": 12.5, "error": ""})
         ]
