@@ -37,7 +37,10 @@ World = Annotated[
     Path | None, typer.Option(help="Fly in this world file instead of the mission's own.")
 ]
 Vehicles = Annotated[int | None, typer.Option(help="Number of vehicles, 1 to 250.")]
-PlannerKind = Annotated[str | None, typer.Option(help="Planner: explore, lf-pso, levy or pso.")]
+PlannerKind = Annotated[
+    str | None,
+    typer.Option(help="Planner: explore, lf-pso, levy, pso, or your own as module:Class."),
+]
 AutopilotKind = Annotated[
     str | None, typer.Option(help="What the mock vehicles behave like: px4, ardupilot or mixed.")
 ]

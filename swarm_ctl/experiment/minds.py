@@ -12,7 +12,7 @@ from swarm_ctl.experiment.odometry import Odometry
 from swarm_ctl.explore import rows
 from swarm_ctl.explore.chance import Bools, Floats
 from swarm_ctl.explore.explorer import Explorer
-from swarm_ctl.explore.planner import RANGE_ORDER, Planner
+from swarm_ctl.explore.planner import RANGE_ORDER, plan_with
 
 MOST_PAYLOADS = 12
 """TUNNEL payloads that a robot sends per second."""
@@ -53,7 +53,7 @@ class Rows:
     is_chained = True
 
     def __init__(self, case: Case, seed: int, trials: range, kernels: rows.Kernels) -> None:
-        self._planner = Planner(
+        self._planner = plan_with(
             case.planner,
             speed_m_s=case.speed_m_s,
             climb_m_s=case.climb_m_s or case.speed_m_s,

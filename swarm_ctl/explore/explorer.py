@@ -14,7 +14,7 @@ from swarm_ctl.explore.avoidance import Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
 from swarm_ctl.explore.frontier import NOBODY, Others, find_way, find_way_to
 from swarm_ctl.explore.memory import VisitedMap, three
-from swarm_ctl.explore.planner import SLOW, Plan, Planner, PlannerParams
+from swarm_ctl.explore.planner import SLOW, Plan, PlannerParams, Planning, plan_with
 from swarm_ctl.explore.pso import limit_motion, next_motion
 from swarm_ctl.explore.repulsion import repulsion
 from swarm_ctl.explore.swath import Swath
@@ -528,13 +528,13 @@ def make_planner(
     seeds: Sequence[Seed],
     sysid: int = 0,
     birth: int = 0,
-) -> Planner | Explorer:
+) -> Planning:
     """Build the planner of one vehicle: with a memory for kind `explore`, else without.
 
     `sysid` and `birth` name the vehicle in the trails that it shares.
     """
     if params.kind != "explore":
-        return Planner(params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=seeds)
+        return plan_with(params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=seeds)
     if len(seeds) != 1:
         raise ValueError(f"an explorer plans for one vehicle, not {len(seeds)}")
     return Explorer(

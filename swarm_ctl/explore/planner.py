@@ -5,15 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
+from swarm_ctl.errors import SwarmError
 from swarm_ctl.explore.avoidance import RANGE_ORDER, Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
 from swarm_ctl.explore.levy import Walk, even_length, levy_length
+from swarm_ctl.explore.own import OWN, find_planner
 from swarm_ctl.explore.repulsion import Repulsion
 from swarm_ctl.explore.rows import NUMPY, Kernels
 
@@ -42,6 +52,21 @@ EXPLORE_3D_WIDTHS = {"levy_min_m": 0.5, "levy_max_m": 3.0, "cell_m": 0.25}
 """The same, in widths of the footprint."""
 
 
+KINDS = ("lf-pso", "levy", "pso", "explore")
+"""Planners that come with the package."""
+_KIND_SCHEMA = {"anyOf": [{"enum": list(KINDS)}, {"type": "string", "pattern": f"^{OWN.pattern}$"}]}
+
+
+def _known(kind: str) -> str:
+    """Refuse a kind of planner that is neither ours nor can be imported."""
+    if OWN.fullmatch(kind):
+        find_planner(kind)
+    elif kind not in KINDS:
+        expected = f"{', '.join(map(repr, KINDS))} or your own as module:Class"
+        raise PydanticCustomError("literal_error", "must be {expected}", {"expected": expected})
+    return kind
+
+
 class PlannerParams(BaseModel):
     """What the paper leaves open or sets in its experiments; lengths in metres.
 
@@ -53,11 +78,12 @@ class PlannerParams(BaseModel):
         frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False
     )
 
-    kind: Literal["lf-pso", "levy", "pso", "explore"] = "lf-pso"
+    kind: Annotated[str, AfterValidator(_known), WithJsonSchema(_KIND_SCHEMA)] = "lf-pso"
     """The hybrid, or its baselines: `levy` has no social term, `pso` no Levy steps.
 
     "For comparison, we selected the traditional PSO, and LF." `explore` is the hybrid with a
     memory that vehicles share (LF-PSO-M); it has defaults of its own, see `EXPLORE`.
+    `module:Class` is a planner of your own, see docs/planners.md.
     """
     dimensions: Literal[2, 3] = 2
     """2: height is nobody's business here. 3: steps and repulsion climb and descend, too."""
@@ -174,6 +200,15 @@ class Plan(NamedTuple):
     """(n, d) local best P_lb; it keeps its distance until the step's length has been flown."""
     is_new: NDArray[np.bool_]
     """(n,) whether the local best was chosen anew or turned in this step."""
+
+
+class Planning(Protocol):
+    """What is asked of every planner, also of one that is not ours."""
+
+    def step(
+        self, position_m: Floats, heading_rad: Floats, ranges_m: Floats, peers_m: Floats
+    ) -> Plan:
+        """Plan once per period, as `Planner.step` does."""
 
 
 class Planner:
@@ -322,6 +357,29 @@ class Planner:
         travel_rad = np.arctan2(self._motion_m[:, 1], self._motion_m[:, 0])
         fast = self._ground_m > SLOW * self._level_m
         self._facing_rad = np.where(fast, travel_rad, self._facing_rad)
+
+
+def plan_with(
+    params: PlannerParams,
+    *,
+    speed_m_s: float,
+    climb_m_s: float,
+    seeds: Sequence[Seed],
+    kernels: Kernels = NUMPY,
+) -> Planning:
+    """Build a planner without a memory: ours, or the one that `kind` names."""
+    if OWN.fullmatch(params.kind) is None:
+        return Planner(
+            params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=seeds, kernels=kernels
+        )
+    try:
+        own: Planning = find_planner(params.kind)(
+            params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=seeds
+        )
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise SwarmError(f"planner.kind: {params.kind} could not be built: {reason}") from error
+    return own
 
 
 def _walk(params: PlannerParams, chance: Chance, rows: Rows, kernels: Kernels) -> Walk:

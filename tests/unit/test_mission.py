@@ -176,7 +176,7 @@ def test_the_schema_explains_every_key() -> None:
         (
             "planner: {kind: ants}",
             "planner.kind",
-            "must be 'lf-pso', 'levy', 'pso' or 'explore', not 'ants'",
+            "must be 'lf-pso', 'levy', 'pso', 'explore' or your own as module:Class, not 'ants'",
         ),
         ("planner: {inertia: heavy}", "planner.inertia", "must be a number, not 'heavy'"),
         ("planner: {inertia: 1}", "planner.inertia", "must be less than 1, not 1"),
