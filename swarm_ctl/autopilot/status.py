@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +26,8 @@ INTENT_S = 2.0
 """How old word of the chosen mode may be when a mode is told; PX4 gives it twice a second."""
 
 AUTOPILOTS: dict[int, Autopilot] = {pilot.heartbeat_id: pilot for pilot in (PX4, ARDUPILOT)}
+MOST_NEWS = 256
+"""What waits to be taken note of, of a kind: when a link that hung lets go, the latest count."""
 Handler = Callable[[Any, float], None]
 """Takes a message's values, and when they came."""
 
@@ -54,9 +57,9 @@ class Status:
         """Whether the estimator trusts its position; None when it does not tell."""
         self.estimate_s = -math.inf
         self.battery_fraction: float | None = None
-        self.texts: list[Text] = []
+        self.texts: deque[Text] = deque(maxlen=MOST_NEWS)
         """What it said since the agent looked last."""
-        self.acks: list[Ack] = []
+        self.acks: deque[Ack] = deque(maxlen=MOST_NEWS)
         self.events = Events()
         self._chunks = Texts()
         self._complaints = Complaints()

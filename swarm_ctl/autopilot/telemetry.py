@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from swarm_ctl import wire
 from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT, RADIO_COMPONENT
-from swarm_ctl.autopilot.status import Status
+from swarm_ctl.autopilot.status import MOST_NEWS, Status
 from swarm_ctl.autopilot.timesync import Timesync
 from swarm_ctl.frames import Geodetic, body_to_ned, rotate, turn, wrap_rad
 from swarm_ctl.model import ZERO, Vec3
@@ -110,8 +110,8 @@ class Telemetry(Status):
         """By how much the estimate jumped last, and when."""
         self.jump_s = -math.inf
         self._boot_ms: dict[str, int] = {}
-        self.peer_fixes: list[PeerFix] = []
-        self.victim_fixes: list[VictimFix] = []
+        self.peer_fixes: deque[PeerFix] = deque(maxlen=MOST_NEWS)
+        self.victim_fixes: deque[VictimFix] = deque(maxlen=MOST_NEWS)
         self._yaw_offset_rad = yaw_offset_rad
         self._listen(
             {

@@ -5,6 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl import wire
+from swarm_ctl.autopilot.status import MOST_NEWS
 from swarm_ctl.autopilot.telemetry import SUBSCRIBED, Telemetry
 
 EAST = math.pi / 2
@@ -125,6 +126,16 @@ def test_a_victim_ahead_is_placed_in_the_local_frame(vehicle: Vehicle) -> None:
     assert fix.position_ned_m == pytest.approx((3.0, 5.0, -0.3), abs=1e-5)
 
 
+def test_of_what_a_hung_link_lets_go_at_once_the_latest_is_kept(vehicle: Vehicle) -> None:
+    for number in range(1000):
+        target = mavlink.MAVLink_landing_target_message(
+            0, number % 256, 12, 0, 0, 1.5, 0, 0, float(number), 0.0, 1.2, [1, 0, 0, 0], 0, 1
+        )
+        fixes = vehicle.says(target).victim_fixes
+    assert len(fixes) == MOST_NEWS
+    assert fixes[-1].number == 999 % 256
+
+
 def test_numbers_that_are_none_change_nothing(vehicle: Vehicle) -> None:
     nan = math.nan
     vehicle.says(mavlink.MAVLink_local_position_ned_message(0, 1.0, 2.0, -3.0, 0, 0, 0))
@@ -235,7 +246,7 @@ def test_answers_to_others_are_not_ours(vehicle: Vehicle) -> None:
     assert not vehicle.says(ack(255, 190)).acks
     assert not vehicle.says(ack(1, 195)).acks
     assert not vehicle.says(ack(2, 191)).acks
-    assert vehicle.says(ack(1, 191)).acks == [(400, 4, 0)]
+    assert list(vehicle.says(ack(1, 191)).acks) == [(400, 4, 0)]
     assert len(vehicle.says(ack(0, 0)).acks) == 2
 
 
