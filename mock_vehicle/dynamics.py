@@ -17,6 +17,8 @@ UNLIMITED = 1e6
 """Stands for "no limit" where infinity would turn into NaN."""
 TINY = 1e-9
 TURN = 2.0 * np.pi
+SINK_M_S = 0.2
+"""Who comes down on something faster than this means to stand there."""
 
 
 class Control(IntEnum):
@@ -110,6 +112,8 @@ class Dynamics:
         self.yaw_rad, self.yaw_rate_rad_s = self._turning[:2]
         self.target_yaw_rad, self.target_yaw_rate_rad_s = self._turning[2:]
         self.yaw_rad[:], self._turning[2:] = yaw_rad, np.nan
+        self.ground_m: Floats = np.zeros(n)
+        """How far down each finds the ground: 0 is the floor, less what it stands on."""
         self.on_ground: NDArray[np.bool_] = self.position_ned_m[:, 2] >= 0.0
         self.control: NDArray[np.int8] = np.zeros(n, dtype=np.int8)
         self.motor_lost: NDArray[np.bool_] = np.zeros(n, dtype=bool)
@@ -229,7 +233,8 @@ class Dynamics:
     def step(self, dt: float, wind_ned_m_s: Floats | tuple[float, float, float]) -> None:
         """Advance all vehicles by `dt` s in a wind of shape (3,) or (n, 3).
 
-        The ground is z = 0 everywhere; whoever touches it stands still.
+        The ground is z = 0 but for who stands on something (`stand`); whoever touches it stands
+        still.
         """
         if dt != self._dt:
             self._take_step(dt)
@@ -273,6 +278,7 @@ class Dynamics:
             running,
             self.control == Control.POSITION,
             self.on_ground,
+            self.ground_m,
             self._motion,
             self._targets,
             self._turning,
@@ -282,6 +288,16 @@ class Dynamics:
             self._delay.past,
             self._delay.delayed,
         )
+
+    def sinks(self, indices: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Tell which of vehicles (k,) drop, or mean to descend."""
+        wanted, actual = self.target_velocity_ned_m_s[indices], self.velocity_ned_m_s[indices]
+        sinking: NDArray[np.bool_] = np.maximum(wanted[:, 2], actual[:, 2]) > SINK_M_S
+        return sinking
+
+    def stand(self, indices: NDArray[np.intp]) -> None:
+        """Let vehicles (k,) find ground where they are, until they leave it."""
+        self.ground_m[indices] = self.position_ned_m[indices, 2]
 
     def stop_along(self, indices: NDArray[np.intp], normal: Floats) -> None:
         """Take from vehicles (k,) what goes against a normal, (k, 3): velocity, thrust, wind-up."""
@@ -334,9 +350,10 @@ class Dynamics:
         self.yaw_rad -= TURN * np.floor(self.yaw_rad / TURN + 0.5)
 
     def _touch_ground(self) -> None:
-        np.greater_equal(self.position_ned_m[:, 2], 0.0, out=self.on_ground)
+        np.greater_equal(self.position_ned_m[:, 2], self.ground_m, out=self.on_ground)
+        self.ground_m *= self.on_ground
         if self.on_ground.any():
-            self.position_ned_m[self.on_ground, 2] = 0.0
+            self.position_ned_m[self.on_ground, 2] = self.ground_m[self.on_ground]
             for moving in (
                 self.velocity_ned_m_s,
                 self.acceleration_ned_m_s2,

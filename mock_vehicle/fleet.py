@@ -41,6 +41,8 @@ FULL_STEP_S = 0.01
 """Step at full rates: ATTITUDE of PX4 comes at 100 Hz."""
 REACH_S = 0.15
 """Whoever cannot touch anything within this time at twice its speed is not checked each step."""
+TOP = -0.7
+"""The downward part of the normal of what can be stood on."""
 PROBES_M = 0.01 * np.eye(3)
 """Steps of the finite differences that tell where a wall pushes."""
 
@@ -307,6 +309,7 @@ class Fleet:
         length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
         normal /= np.maximum(length, 1e-9)[:, None]
         self.dynamics.position_ned_m[pressed] += normal * (BODY_RADIUS_M - clearance)[:, None]
+        self.dynamics.stand(pressed[(normal[:, 2] < TOP) & self.dynamics.sinks(pressed)])
         self.dynamics.stop_along(pressed, normal)
 
     def _touch_one_another(self) -> None:

@@ -134,6 +134,7 @@ def advance(
     running: Any,
     placed: Any,
     on_ground: Any,
+    ground: Any,
     motion: Any,
     targets: Any,
     turning: Any,
@@ -174,7 +175,9 @@ def advance(
             velocity *= 0.0 if on_ground[i] and not velocity[2] < 0.0 else 1.0
         position += velocity * dt
         _turn(dt, turning[:, i], turn_limits[:, i], running[i] and not on_ground[i])
-        on_ground[i] = position[2] >= 0.0
+        on_ground[i] = position[2] >= ground[i]
         if on_ground[i]:
-            position[2] = 0.0
+            position[2] = ground[i]
             vehicle[1:] = 0.0
+        else:
+            ground[i] = 0.0

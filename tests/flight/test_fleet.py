@@ -181,6 +181,35 @@ def test_landing_and_taking_off_is_no_collision(launch: Launch) -> None:
     assert flight.fleet.referee.collisions == 0
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+def test_who_is_landed_on_a_box_stands_there_and_takes_off_from_it(
+    launch: Launch, *, compiled: bool
+) -> None:
+    box = "boxes: [{center_m: [15, 10], size_m: [2, 2], height_m: 0.5}]"
+    flight = launch((12, 10), world=f"{HALL}\n{box}")
+    if compiled:
+        pytest.importorskip("numba")
+        flight.fleet.compile()
+    flight.take_off()
+    flight.velocity = [(0.0, 1.0, 0.0)]
+    flight.fly(3.0)
+    flight.velocity = [(0.0, 0.0, 0.0)]
+    flight.fly(2.0)
+    flight.command(0, 176, CUSTOM_MODE_ENABLED, 4, 6)  # AUTO.LAND
+    flight.fly(10.0)
+    body = flight.fleet.dynamics
+    assert body.on_ground[0]
+    assert body.position_ned_m[0, 2] == pytest.approx(-0.8, abs=0.02)
+    assert not flight.fleet.vehicles[0].autopilot.armed
+    flight.take_off(2.0)
+    flight.velocity = [(0.0, -1.0, 0.0)]
+    flight.fly(4.0)
+    flight.velocity = [(0.0, 0.0, 0.7)]
+    flight.fly(6.0)
+    assert body.on_ground[0]
+    assert body.position_ned_m[0, 2] == 0.0
+
+
 def test_two_that_meet_collide_once_and_hold_each_other_off(launch: Launch) -> None:
     flight = launch((10, 10), (14, 10))
     flight.take_off()
