@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
-.PHONY: help run test sitl check lint format venv clients mosquitto bench crash docs fuzz soak soak-mutants clean
+.PHONY: help run test sitl check lint format venv clients mosquitto chromium bench crash docs fuzz soak soak-mutants clean
 .DEFAULT_GOAL := help
 
 help:  ## list what can be made
@@ -12,7 +12,7 @@ help:  ## list what can be made
 run: venv  ## fly the demo mission: ten UAVs search an office floor
 	$(BIN)/swarm-ctl run missions/usar_office.yaml --speed 4
 
-test: clients mosquitto  ## run every test
+test: clients mosquitto chromium  ## run every test
 	$(BIN)/pytest -n auto
 
 sitl: venv  ## fly real autopilots' simulators: SWARM_SITL_ARDUCOPTER and SWARM_SITL_PX4 (docs/real_vehicles.md)
@@ -72,6 +72,11 @@ mosquitto:  ## install the MQTT broker that tests start, if it is missing and we
 	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || { test "$$(id -u)" = 0 \
 	  && { apt-get install -y -q mosquitto || { apt-get update -q && apt-get install -y -q mosquitto; }; } \
 	} || echo "mosquitto is missing and cannot be installed: tests of the bus are skipped"
+
+chromium:  ## install the browser that tests of the console open, if it is missing and we are root
+	@command -v chromium >/dev/null || { test "$$(id -u)" = 0 \
+	  && { apt-get install -y -q chromium || { apt-get update -q && apt-get install -y -q chromium; }; } \
+	} || echo "chromium is missing and cannot be installed: tests of the console's pages are skipped"
 
 clean:  ## remove the virtual environment, runs and caches
 	rm -rf $(VENV) runs build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

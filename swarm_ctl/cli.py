@@ -14,6 +14,7 @@ from rich.console import Console
 
 import swarm_ctl
 from swarm_ctl.bus.mqtt import Broker
+from swarm_ctl.cli_console import console
 from swarm_ctl.cli_doctor import doctor
 from swarm_ctl.cli_experiment import experiment, tune
 from swarm_ctl.cli_fly import fly
@@ -196,6 +197,7 @@ app.command()(experiment)
 app.command()(tune)
 app.command()(soak)
 app.command()(order)
+app.command()(console)
 
 
 @app.command()

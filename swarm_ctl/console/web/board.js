@@ -1,0 +1,205 @@
+import { AIRBORNE, Chart, Scene, look, urgency, vehicle } from "swarm-console";
+
+const LONG_TABLE = 26; // more vehicles than this are sorted by who wants an eye
+const SPEEDS = [0.5, 1, 2, 5, 10, 20];
+const ORDERS = [
+  ["pause", "Hold", "hold where they are until they are told to resume"],
+  ["resume", "Resume", "go on; a vehicle that a pilot flies is taken back"],
+  ["return", "Return", "fly home and land there"],
+  ["land", "Land", "land where they are"],
+  ["abort", "Abort", "end the mission and land where they are"],
+];
+
+// The operator's page. The server sends one frame after another (picture.py), and each is drawn whole.
+export default {
+  components: { Chart },
+  emits: ["ready", "drawn", "order", "play", "seek", "speed"],
+  template: `
+  <div class="board" :class="{ replay: isReplay, dense: rows.length > ${LONG_TABLE} }">
+    <header>
+      <div class="name"><b>{{ head.mission || "No mission yet" }}</b>
+        <span class="mode" :class="head.mode">{{ isReplay ? "replay" : "live" }}</span></div>
+      <div class="fact" data-fact="time"><b>{{ clock(time) }}</b><i>mission time</i></div>
+      <div class="fact" data-fact="air"><b>{{ airborne }}<s>/{{ rows.length }}</s></b><i>in the air</i></div>
+      <div class="fact" data-fact="seen"><b>{{ explored }}</b><i>explored</i></div>
+      <div class="fact" data-fact="victims"><b>{{ victims.length }}<s v-if="head.victims_total">/{{ head.victims_total }}</s></b><i>victims found</i></div>
+      <div class="fill"></div>
+      <div v-if="!isReplay" class="orders">
+        <span class="whom">{{ whom }}</span>
+        <button v-for="[order, word] in orders" :key="order" :class="order" :data-order="order"
+          :disabled="!rows.length" @click="ask(order)">{{ word }}</button>
+      </div>
+      <span v-else class="run" :title="head.run">{{ head.run }}</span>
+    </header>
+    <main>
+      <div class="scene" ref="scene">
+        <div class="warning" v-if="warning" role="alert">{{ warning }}</div>
+        <div class="keys">drag to turn · right button to move · wheel to zoom · grid {{ grid }} m
+          <button @click="drawing?.fit()">whole view</button></div>
+        <div class="lost" v-if="unplaced">{{ unplaced }}</div>
+      </div>
+      <div class="timeline">
+        <h2>{{ unit === "%" ? "Explored, %" : "Explored, " + unit }}</h2>
+        <chart :curve="shownCurve" :found="found" :time="time" :until="head.duration_s" :unit="unit"
+          @seek="seek"/>
+      </div>
+      <div class="transport" v-if="isReplay">
+        <button class="play" @click="play(!playing)" :aria-label="playing ? 'pause' : 'play'">
+          {{ playing ? "❚❚" : "▶" }}</button>
+        <input type="range" min="0" :max="head.duration_s" step="any" :value="time"
+          aria-label="mission time" @input="seek(+$event.target.value)">
+        <span class="clock">{{ clock(time) }} / {{ clock(head.duration_s || 0) }}</span>
+        <span class="speeds"><button v-for="one in speeds" :key="one" :class="{ on: one === speed }"
+          @click="setSpeed(one)">{{ one }}×</button></span>
+      </div>
+    </main>
+    <aside>
+      <div class="phases" role="img" :aria-label="'phases: ' + phases.map((p) => p[1] + ' ' + p[0]).join(', ')">
+        <span v-for="[phase, count] in phases" :key="phase" :style="{ flexGrow: count }">
+          <i :style="{ background: look(phase)[1] }"></i>
+          <em><b :style="{ color: look(phase)[1] }">{{ look(phase)[0] }}</b> {{ count }} {{ phase }}</em></span>
+      </div>
+      <div class="table"><table>
+        <thead><tr><th></th><th>phase</th><th>battery</th><th>link</th><th>neighbours</th>
+          <th>last event</th></tr></thead>
+        <tbody><tr v-for="one in sorted" :key="one.sysid" :data-sysid="one.sysid"
+            :data-phase="one.phase" :class="{ on: one.sysid === selected }"
+            @click="select(one.sysid === selected ? null : one.sysid)">
+          <td class="id">{{ one.sysid }}</td>
+          <td class="phase" :style="{ color: look(one.phase)[1] }"><i>{{ look(one.phase)[0] }}</i>{{ one.phase }}</td>
+          <td class="battery" :class="{ low: one.battery !== null && one.battery < 25 }">
+            <template v-if="one.battery !== null"><i><u :style="{ width: one.battery + '%' }"></u></i>{{ one.battery }}%</template>
+            <template v-else>–</template></td>
+          <td class="link" :class="{ low: one.silent > 1 }">{{ one.silent === null ? "–" : one.silent.toFixed(1) + " s" }}</td>
+          <td class="peers" :title="one.peers.join(' ')"><b>{{ one.peers.length }}</b> {{ one.peers.join(" ") }}</td>
+          <td class="note" :title="one.note">{{ one.note }}</td>
+        </tr></tbody></table></div>
+      <h2>Events<span v-if="selected"> of vehicle {{ selected }}</span></h2>
+      <ol class="log" ref="log"><li v-for="line in shownLog" :key="line.key" :data-kind="line.kind">
+        <time>{{ clock(line.time) }}</time><b>{{ line.sysid || "" }}</b><span>{{ line.words }}</span></li></ol>
+    </aside>
+    <dialog ref="dialog" @close="asked = null">
+      <template v-if="asked">
+        <h3>{{ asked.word }} {{ asked.whom }}?</h3>
+        <p>{{ asked.effect }}</p>
+        <form method="dialog"><button autofocus value="no">Cancel</button>
+          <button :class="asked.order" value="yes" data-confirm @click="give">{{ asked.word }}</button></form>
+      </template>
+    </dialog>
+  </div>`,
+  data: () => ({
+    head: {}, time: 0, rows: [], victims: [], curve: [], log: [], warning: "", selected: null,
+    asked: null, playing: false, speed: 1, speeds: SPEEDS, orders: ORDERS, look, grid: 5,
+  }),
+  mounted() {
+    try {
+      this.drawing = Vue.markRaw(new Scene(this.$refs.scene, (sysid) => this.select(sysid)));
+    } catch (error) {
+      this.$refs.scene.dataset.fault = `This browser draws nothing in three dimensions: ${error.message}`;
+    }
+    this.$emit("ready");
+  },
+  unmounted() {
+    this.drawing?.dispose();
+  },
+  computed: {
+    isReplay() {
+      return this.head.mode === "replay";
+    },
+    unit() {
+      return this.head.unit ?? "m²";
+    },
+    airborne() {
+      return this.rows.filter((one) => AIRBORNE.has(one.phase)).length;
+    },
+    shownCurve() {
+      return this.head.curve ?? this.curve;
+    },
+    found() {
+      return this.head.found_s ?? this.victims.map(([, , , time]) => time);
+    },
+    explored() {
+      const past = this.shownCurve.filter(([time]) => time <= this.time);
+      if (!past.length) return "–";
+      const value = past[past.length - 1][1];
+      return this.unit === "%" ? `${value.toFixed(1)} %` : `${value.toFixed(0)} ${this.unit}`;
+    },
+    sorted() {
+      if (this.rows.length <= LONG_TABLE) return this.rows;
+      return [...this.rows].sort((a, b) => urgency(a.phase) - urgency(b.phase) || a.sysid - b.sysid);
+    },
+    phases() {
+      const counts = new Map();
+      for (const { phase } of this.rows) counts.set(phase, (counts.get(phase) ?? 0) + 1);
+      return [...counts].sort((a, b) => b[1] - a[1]);
+    },
+    shownLog() {
+      const lines = this.log.filter((line) => !this.selected || line.sysid === this.selected);
+      return lines.slice(-200).reverse();
+    },
+    whom() {
+      return this.selected ? `vehicle ${this.selected}` : `all ${this.rows.length || ""} vehicles`;
+    },
+    unplaced() {
+      const lost = this.rows.filter((one) => !one.place).length;
+      if (!lost || !this.rows.length) return "";
+      return `${lost} of ${this.rows.length} not drawn: nobody knows yet where they are`;
+    },
+  },
+  methods: {
+    show(frame) {
+      if (frame.reset) [this.curve, this.log] = [[], []];
+      if (frame.head) {
+        this.head = Object.freeze(frame.head);
+        this.drawing?.begin(this.head);
+      }
+      const rows = frame.vehicles.map(vehicle);
+      this.rows = Object.freeze(rows);
+      this.victims = Object.freeze(frame.victims);
+      this.time = frame.time;
+      this.warning = frame.warning ?? "";
+      if (frame.playing !== undefined) this.playing = frame.playing;
+      if (frame.curve.length) this.curve = Object.freeze([...this.curve, ...frame.curve]);
+      this.write(frame.log);
+      this.drawing?.show(frame, rows);
+      this.$nextTick(() => this.$emit("drawn"));
+    },
+    write(lines) {
+      if (!lines.length) return;
+      const from = (this.log[this.log.length - 1]?.key ?? 0) + 1;
+      const fresh = lines.map(([time, sysid, kind, words], i) => ({ key: from + i, time, sysid, kind, words }));
+      this.log = Object.freeze([...this.log, ...fresh].slice(-1000));
+    },
+    select(sysid) {
+      this.selected = sysid;
+      this.drawing?.select(sysid);
+    },
+    ask(order) {
+      const [, word, effect] = ORDERS.find(([name]) => name === order);
+      const whom = this.selected ? `vehicle ${this.selected}` : `all ${this.rows.length} vehicles`;
+      const they = this.selected ? "The vehicle is told to" : "All vehicles are told to";
+      this.asked = { order, word, whom, sysid: this.selected, effect: `${they} ${effect}.` };
+      this.$nextTick(() => this.$refs.dialog.showModal());
+    },
+    give() {
+      this.$emit("order", { order: this.asked.order, sysid: this.asked.sysid });
+    },
+    play(playing) {
+      this.playing = playing;
+      this.$emit("play", playing);
+    },
+    seek(time) {
+      if (!this.isReplay) return;
+      this.time = time;
+      this.$emit("seek", time);
+    },
+    setSpeed(speed) {
+      this.speed = speed;
+      this.$emit("speed", speed);
+    },
+    clock(seconds) {
+      const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
+      return `${minutes}:${String(rest).padStart(2, "0")}`;
+    },
+  },
+};
