@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import yaml
 
 from swarm_ctl.experiment.arena import Arena
+from swarm_ctl.experiment.source import code_hash
 from swarm_ctl.mission import load_mission
 from swarm_ctl.record.unrecorded import Unrecorded
 
@@ -97,9 +98,11 @@ def pursue(
     """Do what the file does not hold yet, until it is enough; give each row, old ones first.
 
     Every job is a line of the file as soon as it is done: a killed benchmark goes on from there.
+    What other code did, which the lines name, is done again.
     """
     lines = file.read_text("utf-8").splitlines() if file and file.exists() else []
-    rows: list[Row] = [json.loads(line) for line in lines if line.endswith("}")]
+    told: list[Row] = [json.loads(line) for line in lines if line.endswith("}")]
+    rows = [row for row in told if row.get("code") == code_hash()]
     yield from rows
     done = {row["job"] for row in rows}
     todo = (job for job in jobs if job.name() not in done)
@@ -130,4 +133,4 @@ def _changed(file: Path, changes: Mapping[str, Mapping[str, Any]], copy: Path) -
 
 
 def _do(job: Job) -> Row:
-    return {"job": job.name(), **job.do()}
+    return {"job": job.name(), "code": code_hash(), **job.do()}

@@ -16,6 +16,7 @@ from swarm_ctl.experiment.soak.flight import fly
 from swarm_ctl.experiment.soak.scenario import Scenario, read_scenario
 from swarm_ctl.experiment.soak.seeds import soak
 from swarm_ctl.experiment.soak.shrink import edits, shrink
+from swarm_ctl.experiment.source import code_hash
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 """Bad days that a soak has found, and what was mended since."""
@@ -116,13 +117,17 @@ def test_a_broken_promise_is_found_shrunk_and_flown_again_from_its_file(
     assert json.loads((tmp_path / "run" / "scenario.json").read_text())["seed"] == 1
 
 
-def test_seeds_that_passed_are_not_flown_again(tmp_path: Path) -> None:
+def test_seeds_that_passed_are_not_flown_again_unless_the_code_has_changed(tmp_path: Path) -> None:
     out = tmp_path / "soak.jsonl"
-    passed = {"vehicles": 2, "time_s": 30.0, "closest_m": 1.2, "cpu_s": 0.5, "run_sha256": ""}
-    lines = [json.dumps({"seed": seed, **passed, "violation": None}) for seed in (1, 2)]
-    out.write_text("\n".join([*lines, '{"seed": 3, "veh']), encoding="utf-8")
-    outcomes, is_interrupted = soak(range(1, 3), workers=1, out=out)
-    assert [one.time_s for one in outcomes] == [30.0, 30.0]
+    passed = {"vehicles": 2, "time_s": 9.9, "closest_m": 1.2, "cpu_s": 0.5, "run_sha256": ""}
+    flown = ((1, code_hash()), (2, code_hash()), (3, "of another day"))
+    lines = [
+        json.dumps({"seed": seed, **passed, "code": code, "violation": None})
+        for seed, code in flown
+    ]
+    out.write_text("\n".join([*lines, '{"seed": 4, "veh']), encoding="utf-8")
+    outcomes, is_interrupted = soak(range(1, 4), workers=1, out=out)
+    assert [one.time_s == 9.9 for one in outcomes] == [True, True, False]
     assert not is_interrupted
 
 

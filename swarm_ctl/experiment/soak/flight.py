@@ -15,6 +15,7 @@ from swarm_ctl.experiment.arena import STEPS_PER_TICK, Arena
 from swarm_ctl.experiment.soak.invariants import EVERY_TICK, IN_THE_END, Check
 from swarm_ctl.experiment.soak.look import Look, Witness
 from swarm_ctl.experiment.soak.scenario import Scenario
+from swarm_ctl.experiment.source import code_hash
 from swarm_ctl.flight import Faults, finish
 from swarm_ctl.model import Operator
 from swarm_ctl.record.folder import RunFolder
@@ -59,6 +60,8 @@ class Outcome:
     cpu_s: float
     run_sha256: str
     """Hash of all frames; empty when none was asked for."""
+    code: str
+    """Which code flew, see `code_hash`."""
     violation: Violation | None = None
 
     def keys(self) -> dict[str, Any]:
@@ -148,6 +151,7 @@ def fly(scenario: Scenario, *, hashed: bool = False) -> Outcome:
         round(look.closest_m, 3) if look.closest_m < float("inf") else None,
         round(time.process_time() - began, 3),
         witness.hexdigest(),
+        code_hash(),
         violation,
     )
 

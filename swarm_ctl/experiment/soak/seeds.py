@@ -14,6 +14,7 @@ from swarm_ctl.errors import SwarmError
 from swarm_ctl.experiment.pool import processes
 from swarm_ctl.experiment.soak.draw import draw
 from swarm_ctl.experiment.soak.flight import Outcome, Violation, fly
+from swarm_ctl.experiment.source import code_hash
 
 CHUNK = 8
 """Seeds in a job: half a minute's work at most, which Ctrl-C waits for."""
@@ -30,7 +31,8 @@ def soak(
 ) -> tuple[list[Outcome], bool]:
     """Fly seeds; give what came of them, in order, and whether Ctrl-C ended it early.
 
-    Seeds that `out` tells to have kept every promise are not flown again. `progress` is called
+    Seeds that `out` tells to have kept every promise are not flown again by the same code, which
+    its lines name. `progress` is called
     with seeds done, seeds in all, and how many of them failed.
     """
     known = _read(out, seeds, hashed=hashed) if out else {}
@@ -102,6 +104,7 @@ def _read(out: Path, seeds: range, *, hashed: bool) -> dict[int, Outcome]:
         if one is not None
         and one.seed in seeds
         and one.violation is None
+        and one.code == code_hash()
         and bool(one.run_sha256) >= hashed
     }
 
