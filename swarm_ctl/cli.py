@@ -41,6 +41,7 @@ from swarm_ctl.cli_options import (
     read_key,
 )
 from swarm_ctl.cli_order import order
+from swarm_ctl.cli_record import report
 from swarm_ctl.cli_soak import soak
 from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.flight import Faults, discard, finish
@@ -140,7 +141,9 @@ def run(
         raise SwarmError("--peers: in --virtual the mock's radio is all; leave one of them out")
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
     is_ours = out is None or not out.exists()
-    folder = RunFolder.create(out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode)
+    folder = RunFolder.create(
+        out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode, faults=fault or ()
+    )
     console = PipeConsole(highlight=False)
     began = time.monotonic()
     with interrupts() as stop:
@@ -198,6 +201,7 @@ app.command()(tune)
 app.command()(soak)
 app.command()(order)
 app.command()(console)
+app.command()(report)
 
 
 @app.command()

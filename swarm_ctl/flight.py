@@ -18,6 +18,7 @@ from swarm_ctl.mission import Mission
 from swarm_ctl.record.folder import Mode, RunFolder
 from swarm_ctl.record.own_paths import draw_own_paths
 from swarm_ctl.record.plots import draw_pictures
+from swarm_ctl.record.report import try_report
 from swarm_ctl.record.spread import read_contacts
 from swarm_ctl.record.summary import summarise, write_summary
 from swarm_ctl.record.unrecorded import Record
@@ -135,7 +136,7 @@ def finish(
     interrupted: bool,
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Close the record: summary and pictures; give the summary."""
+    """Close the record: summary, pictures and report; give the summary."""
     folder.close()
     flown = any(controller.agent.explored_from_s is not None for controller in controllers)
     ended = any(controller.agent.phase is Phase.DONE for controller in controllers)
@@ -168,6 +169,7 @@ def finish(
         summary["notes"] += draw_pictures(
             folder.path, summary, speed_m_s=mission.flight.speed_m_s, contacts=contacts
         )
+    summary["notes"] += try_report(folder.path, summary)
     write_summary(folder.path, summary)
     return summary
 

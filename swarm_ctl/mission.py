@@ -192,10 +192,24 @@ def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
 
 def _read(path: Path) -> dict[str, Any]:
     raw = read_yaml(path, "a mission is a block of lines like `vehicles: 10`")
+    if isinstance(flown := raw.get("mission"), dict):
+        raw = _to_fly_again(flown)
     for block in BLOCKS:
         if raw.get(block, ...) is None:
             del raw[block]  # a heading with nothing beneath means the defaults
     return raw
+
+
+def _to_fly_again(flown: dict[str, Any]) -> dict[str, Any]:
+    """Take the mission of a run's `mission.json`, where JSON has made text of the sysids."""
+    frame = flown.get("frame")
+    for key in ("starts_m", "yaw_offset_deg"):
+        if isinstance(frame, dict) and isinstance(by_sysid := frame.get(key), dict):
+            frame[key] = {
+                int(sysid) if str(sysid).isdecimal() else sysid: value
+                for sysid, value in by_sysid.items()
+            }
+    return flown
 
 
 def _as_mission_error(path: Path, error: ValidationError) -> MissionError:

@@ -8,7 +8,7 @@ import importlib.metadata
 import json
 import platform
 import struct
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -80,10 +80,12 @@ class RunFolder:
         mode: Mode,
         utc: datetime | None = None,
         journaled: Iterable[int] = (),
+        faults: Sequence[str] = (),
     ) -> Self:
         """Make `out`, or `runs/<name>-<utc>/`, and write how to repeat the run at once.
 
-        `resolved` is the mission with every value, ready for JSON. A log of real time is stamped
+        `resolved` is the mission with every value, ready for JSON, `faults` what is broken on
+        purpose, as the command line has it. A log of real time is stamped
         in UTC; virtual time counts from a fixed date, so that two runs are equal byte for byte.
         With journals of the sysids that are `journaled` it can be taken up by `reopen`.
         Raises SwarmError when the folder holds something already or cannot be made.
@@ -93,8 +95,15 @@ class RunFolder:
         path = _make(path.absolute())
         if wanted := list(journaled):
             (path / JOURNALS).mkdir()
-        started = {"mission": dict(resolved), "seed": seed, "mode": mode, "versions": _versions()}
-        text = json.dumps({**started, "started_utc": utc.isoformat()}, indent=2)
+        started = {
+            "mission": dict(resolved),
+            "seed": seed,
+            "mode": mode,
+            "faults": list(faults),
+            "versions": _versions(),
+            "started_utc": utc.isoformat(),
+        }
+        text = json.dumps(started, indent=2)
         (path / "mission.json").write_text(text + "\n", encoding="utf-8")
         (path / "tlogs").mkdir()
         journals = open_journals(path / JOURNALS, head_of(resolved), wanted, {})
