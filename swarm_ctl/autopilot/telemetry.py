@@ -49,6 +49,8 @@ FARTHEST_PEER_M = 656.0
 """What DISTANCE_SENSOR can say; a bearing that is no rotation leads farther."""
 OLDEST_FIX_S = 1.0
 """Who tells of what was measured longer ago counts by another clock."""
+OVERTAKEN_MS = 2000
+"""What is older than the last of its kind by less was overtaken; by more, the clock began anew."""
 ATTITUDES = 50
 """Kept for what the radio tells late; a second's worth at PX4's 50 Hz."""
 _DISTANCE_SENSOR = wire.message("DISTANCE_SENSOR").id
@@ -110,6 +112,7 @@ class Telemetry(Status):
         """By how much the estimate jumped last, and when."""
         self.jump_s = -math.inf
         self._boot_ms: dict[str, int] = {}
+        self._ranges_boot_ms = [0] * 6
         self.peer_fixes: deque[PeerFix] = deque(maxlen=MOST_NEWS)
         self.victim_fixes: deque[VictimFix] = deque(maxlen=MOST_NEWS)
         self._yaw_offset_rad = yaw_offset_rad
@@ -166,8 +169,11 @@ class Telemetry(Status):
             self._peer_distance(values, now)
 
     def _is_repeated(self, message: str, boot_ms: int) -> bool:
-        """Whether a stream has stopped and says the same again and again."""
-        before, self._boot_ms[message] = self._boot_ms.get(message), boot_ms
+        """Whether a stream has stopped and says the same again and again, or was overtaken."""
+        before = self._boot_ms.get(message, 0)
+        if _is_overtaken(boot_ms, before):
+            return True
+        self._boot_ms[message] = boot_ms
         return boot_ms == before != 0
 
     def _attitude(self, values: Any, now: float) -> None:
@@ -203,9 +209,10 @@ class Telemetry(Status):
             self.timesync.answered(values.ts1, now)
 
     def _distance(self, values: Any, now: float) -> None:
-        _, _, farthest_cm, distance_cm, _, _, orientation, *_ = values
+        boot_ms, _, farthest_cm, distance_cm, _, _, orientation, *_ = values
         index = RANGE_BY_ORIENTATION.get(orientation)
-        if index is not None:
+        if index is not None and not _is_overtaken(boot_ms, self._ranges_boot_ms[index]):
+            self._ranges_boot_ms[index] = boot_ms
             self.ranges_m[index] = math.inf if distance_cm >= farthest_cm else distance_cm * 0.01
             self.ranges_s[index] = now
 
@@ -261,3 +268,8 @@ class Telemetry(Status):
         is_nowhere = values.latitude == values.longitude == 0  # no satellite has told it yet
         if not is_nowhere and abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0:
             self.origin = Geodetic(latitude_deg, longitude_deg, values.altitude * 1e-3)
+
+
+def _is_overtaken(boot_ms: int, last_ms: int) -> bool:
+    """Whether something newer of its kind has come first; a clock that tells nothing says 0."""
+    return boot_ms != 0 and 0 < last_ms - boot_ms < OVERTAKEN_MS

@@ -102,6 +102,29 @@ def test_a_radio_with_a_clock_of_its_own_tells_of_now(vehicle: Vehicle, boot_ms:
     assert fix.measured_s == 6.0
 
 
+def test_what_something_newer_has_overtaken_is_no_news(vehicle: Vehicle) -> None:
+    for boot_ms, ahead_cm in ((60_200, 90), (60_000, 140)):
+        seen = distance(ahead_cm, 0)
+        seen.time_boot_ms = boot_ms
+        vehicle.says(seen)
+        vehicle.says(mavlink.MAVLink_attitude_message(boot_ms, 0, 0, ahead_cm / 100, 0, 0, 0))
+        place = mavlink.MAVLink_local_position_ned_message(boot_ms, ahead_cm, 0, 0, 1.0, 0, 0)
+        telemetry = vehicle.says(place)
+    assert telemetry.ranges_m[0] == pytest.approx(0.9)
+    assert telemetry.yaw_rad == pytest.approx(0.9)
+    assert telemetry.position_ned_m.x == 90.0
+
+
+def test_an_autopilot_that_has_begun_anew_is_heard_though_its_clock_says_less(
+    vehicle: Vehicle,
+) -> None:
+    for boot_ms, ahead_cm in ((60_000, 90), (1_000, 140)):
+        seen = distance(ahead_cm, 0)
+        seen.time_boot_ms = boot_ms
+        telemetry = vehicle.says(seen)
+    assert telemetry.ranges_m[0] == pytest.approx(1.4)
+
+
 def test_a_peer_to_the_right_of_a_vehicle_that_faces_east_is_south(vehicle: Vehicle) -> None:
     vehicle.says(mavlink.MAVLink_attitude_message(0, 0.0, 0.0, EAST, 0, 0, 0))
     to_the_right = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
