@@ -46,6 +46,8 @@ from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
 
 HEARTBEAT_S = 1.0
+ROUND_TRIP_S = 0.1
+"""What a link takes there and back that is not slow: `flight.response_s` has room for it."""
 REPEAT_S = 2.0
 """Between two requests for the same change, when the first one was accepted without effect."""
 _TUNNEL_ID, _ORIGIN_ID = wire.message("TUNNEL").id, wire.message("GPS_GLOBAL_ORIGIN").id
@@ -493,7 +495,8 @@ class Agent:
         """Let the guard bend what the duty wants; nothing else makes a setpoint."""
         telemetry = self.telemetry
         place, velocity_now = telemetry.position_ned_m, telemetry.velocity_ned_m_s
-        motion = Motion(place, velocity_now, telemetry.yaw_rad)
+        late_s = max(0.0, telemetry.timesync.round_trip_s(self.now) - ROUND_TRIP_S)
+        motion = Motion(place, velocity_now, telemetry.yaw_rad, late_s)
         fresh_s = self.now - self.orders.limits.range_stale_s
         ranges = [
             value if heard_s >= fresh_s else math.inf

@@ -32,6 +32,8 @@ class Motion(NamedTuple):
     position_ned_m: Vec3
     velocity_ned_m_s: Vec3
     yaw_rad: float
+    late_s: float = 0.0
+    """How much longer than usual the link takes, there and back."""
 
 
 class Guard:
@@ -59,8 +61,8 @@ class Guard:
 
         `ranges_m` are in the order front, back, left, right, up, down (inf = clear). Distances
         are taken as they will be when the vehicle has begun to obey: it flies on for
-        `flight.response_s` first. A vehicle that does not know its place is not pushed off floor,
-        ceiling or fence: it would be for ever.
+        `flight.response_s` first, and longer behind a slow link. A vehicle that does not know its
+        place is not pushed off floor, ceiling or fence: it would be for ever.
         """
         peers = self._levelled(peers) if self._is_level else peers
         velocity = self._keep_right(velocity, peers)
@@ -74,7 +76,7 @@ class Guard:
     def _fence(self, motion: Motion) -> list[Constraint]:
         """Bound the speed outwards from here, and from where the vehicle is about to be."""
         (x, y, z), (vx, vy, vz) = motion.position_ned_m, motion.velocity_ned_m_s
-        response_s, limits = self._response_s, self._limits
+        response_s, limits = self._response_s + motion.late_s, self._limits
         low, high = sorted((-z, -(z + vz * response_s)))
         floor = wall_limit(low - limits.floor_m, 0.0, VERTICAL_BRAKING_M_S2)
         ceiling = wall_limit(limits.ceiling_m - high, 0.0, VERTICAL_BRAKING_M_S2)
@@ -102,7 +104,8 @@ class Guard:
         if distance_m == math.inf:
             return math.inf
         (vx, vy, vz), (x, y, z) = motion.velocity_ned_m_s, beam
-        left_m = distance_m - self._response_s * max(0.0, vx * x + vy * y + vz * z)
+        response_s = self._response_s + motion.late_s
+        left_m = distance_m - response_s * max(0.0, vx * x + vy * y + vz * z)
         braking = VERTICAL_BRAKING_M_S2 if z else self._braking
         return wall_limit(left_m, self._limits.wall_m, braking)
 
@@ -134,16 +137,29 @@ class Guard:
         ]
 
     def _peers(self, motion: Motion, peers: Sequence[Neighbour]) -> list[Constraint]:
-        separation, (vx, vy, vz) = self._limits.separation_m, motion.velocity_ned_m_s
-        constraints = []
+        vx, vy, vz = motion.velocity_ned_m_s
+        response_s, constraints = self._response_s + motion.late_s, []
         for offset, velocity, doubt_m in peers:
             distance = max(math.hypot(*offset), 1e-3)
             x, y, z = (component / distance for component in offset)
-            closing = (vx - velocity.x) * x + (vy - velocity.y) * y + (vz - velocity.z) * z
-            left = distance - self._response_s * max(0.0, closing)
-            room = peer_limit(left, separation + doubt_m, self._braking, self._speed)
+            own = vx * x + vy * y + vz * z
+            coming = -(velocity.x * x + velocity.y * y + velocity.z * z)
+            room = self._towards_peer(distance - doubt_m, own, coming, response_s)
             constraints.append(Constraint(x, y, z, room))
         return constraints
+
+    def _towards_peer(
+        self, distance_m: float, own_m_s: float, coming_m_s: float, response_s: float
+    ) -> float:
+        """Give the largest speed towards a peer, m/s, from what both fly along the line between.
+
+        Who is slower than that will be as fast before it is told to brake: two that turn towards
+        each other at once have no speed yet that would warn them.
+        """
+        kept = self._limits.separation_m, self._braking, self._speed
+        left_m = distance_m - response_s * max(0.0, own_m_s + coming_m_s)
+        soon_m = distance_m - response_s * max(0.0, coming_m_s)
+        return min(peer_limit(left_m, *kept), max(0.0, peer_limit(soon_m, *kept, response_s)))
 
 
 def _beam(index: int, yaw_rad: float) -> Vec3:

@@ -24,17 +24,24 @@ class Constraint(NamedTuple):
 
 
 def peer_limit(
-    distance_m: float, separation_m: float, braking_m_s2: float, speed_m_s: float
+    distance_m: float,
+    separation_m: float,
+    braking_m_s2: float,
+    speed_m_s: float,
+    response_s: float = 0.0,
 ) -> float:
     """Give the largest speed towards a peer, m/s; negative below the separation.
 
     With e = distance - separation: min(sqrt(a e), 2 e), each of the two taking half of the closing
-    speed; for e < 0 max(-speed, 2 e). `braking_m_s2` (a) is half of what the vehicle can do.
+    speed; for e < 0 max(-speed, 2 e). `braking_m_s2` (a) is half of what the vehicle can do. With
+    a `response_s` (T), e is what is left when the speed itself has been flown so long.
     """
     excess = distance_m - separation_m
     if not excess > 0.0:
         return max(-speed_m_s, 2.0 * excess)
-    return min(math.sqrt(braking_m_s2 * excess), 2.0 * excess)
+    flown = 0.5 * braking_m_s2 * response_s
+    by_braking = math.sqrt(flown * flown + braking_m_s2 * excess) - flown
+    return min(by_braking, 2.0 * excess / (1.0 + 2.0 * response_s))
 
 
 def wall_limit(

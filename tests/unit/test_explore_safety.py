@@ -125,6 +125,15 @@ def test_limits_towards_a_peer() -> None:
     assert peer_limit(0.1, 1.0, 1.0, 1.0) == -1.0  # away, but not faster than it flies
 
 
+@given(st.floats(1.01, 5.0), st.floats(0.05, 2.0))
+def test_a_speed_towards_a_peer_flown_until_the_vehicle_obeys_is_the_limit_of_what_is_left(
+    distance_m: float, response_s: float
+) -> None:
+    limit = peer_limit(distance_m, 1.0, 1.0, 1.0, response_s)
+    left_m = distance_m - response_s * limit
+    assert limit == pytest.approx(peer_limit(left_m, 1.0, 1.0, 1.0), abs=1e-6)
+
+
 def test_limits_towards_a_wall() -> None:
     assert wall_limit(2.5, 0.5, 1.0) == pytest.approx(2.0)
     assert wall_limit(0.6, 0.5, 1.0) == pytest.approx(0.2)

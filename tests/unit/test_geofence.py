@@ -56,6 +56,29 @@ def test_a_vehicle_in_motion_brakes_earlier_than_one_at_rest() -> None:
     assert GUARD.confine(ahead, moving, ranges, []).x < at_rest_m_s - 0.2
 
 
+def test_behind_a_slow_link_a_vehicle_brakes_earlier() -> None:
+    ranges, ahead = [1.6, *CLEAR[1:]], Vec3(1, 0, 0)
+    moving = Motion(Vec3(0, 0, -2), Vec3(1, 0, 0), 0.0)
+    usual_m_s = GUARD.confine(ahead, moving, ranges, []).x
+    behind_m_s = GUARD.confine(ahead, moving._replace(late_s=0.4), ranges, []).x
+    assert behind_m_s < usual_m_s - 0.2
+    peer = Neighbour(Vec3(2.2, 0, 0), ZERO)
+    usual_m_s = GUARD.confine(ahead, moving, CLEAR, [peer]).x
+    assert GUARD.confine(ahead, moving._replace(late_s=0.4), CLEAR, [peer]).x < usual_m_s - 0.2
+
+
+def test_two_that_turn_towards_each_other_at_once_stay_apart_though_they_obey_late() -> None:
+    guard = Guard(Limits(separation_m=1.3), FlightParams(speed_m_s=1.2))
+    apart_m, speed_m_s, obeyed = 1.9, 0.0, [0.0] * 5
+    for _ in range(40):  # each sees the same of the other; 0.5 s late, at 2 m/s2
+        peer = Neighbour(Vec3(apart_m, 0, 0), Vec3(-speed_m_s, 0, 0))
+        moving = Motion(Vec3(0, 0, -2), Vec3(speed_m_s, 0, 0), 0.0)
+        obeyed.append(guard.confine(Vec3(1.2, 0, 0), moving, CLEAR, [peer]).x)
+        speed_m_s += max(-0.2, min(0.2, obeyed.pop(0) - speed_m_s))
+        apart_m -= 2.0 * 0.1 * speed_m_s
+        assert apart_m > 1.1
+
+
 def test_a_peer_too_close_pushes_away() -> None:
     peer = Neighbour(Vec3(0.7, 0, 0), ZERO)
     assert GUARD.confine(Vec3(0, 0, 0), at_rest(), CLEAR, [peer]).x < -0.3
