@@ -119,7 +119,7 @@ async def _serve(
     duration_s: float | None,
     out: Path | None,
 ) -> None:
-    """Fly; write the truth at the end, and every few seconds in case the end never comes."""
+    """Fly; write the truth first, at the end, and every few seconds in case the end never comes."""
     server = Server(fleet, ports, speed=speed)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -127,6 +127,8 @@ async def _serve(
     gc.collect()
     gc.freeze()
     reports = itertools.count(1)
+    if out is not None:
+        fleet.write(out)  # who waits for `ready` finds the world in it
     with show(fleet, server) as report:
 
         def keep() -> None:

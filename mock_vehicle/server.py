@@ -137,6 +137,7 @@ class Server:
             "world": fleet.world.name,
             "autopilots": fleet.personalities,
             "victims_total": len(fleet.world.victims),
+            "starts_ned_m": fleet.starts_ned_m.round(3).tolist(),
         }
 
     def stop(self) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from swarm_ctl.agent.agent import Agent
 from swarm_ctl.agent.diary import Diary, distrust, resume
 from swarm_ctl.link import MESH, Link, Source
-from swarm_ctl.model import Operator, Vec3
+from swarm_ctl.model import Event, Operator, Vec3
 from swarm_ctl.record.paths import WAYPOINT_S
 from swarm_ctl.record.summary import VehicleResult
 from swarm_ctl.record.unrecorded import Record
@@ -33,6 +33,8 @@ class Controller:
         self._target: Vec3 | None = None
         self._diary = self._take_over()
         self._flight_journal = folder.flight_journal(agent.sysid)
+        self.tell: Callable[[Event], None] = lambda _: None
+        """Is told of every event as it is written down."""
 
     def _take_over(self) -> Diary:
         """Go on where an earlier process was killed, if there was one."""
@@ -70,6 +72,7 @@ class Controller:
         """Write down what happened since the last call."""
         agent = self.agent
         for event in agent.drain_events():
+            self.tell(event)
             self._folder.journal.write(event)
         if self._flight_journal is not None and (page := self._diary.page(now)) is not None:
             self._flight_journal.append(page)

@@ -121,7 +121,7 @@ class State(Payload):
     seen_m2: float
     """Ground that it has flown over within its footprint."""
     autopilot: str
-    """`PX4`, `ArduPilot`, or empty when it has not been heard."""
+    """`px4`, `ardupilot`, or empty when it has not been heard."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,15 +63,20 @@ class Broker:
         tls = ssl.create_default_context() if parts.scheme == "mqtts" else None
         return cls(host, port, tls, user or None, password or None)
 
-    def client(self) -> aiomqtt.Client:
-        """Prepare a client with a session of its own, of which nothing is left when it ends."""
+    def client(self, name: str = "", will: aiomqtt.Will | None = None) -> aiomqtt.Client:
+        """Prepare a client with a session of its own, of which nothing is left when it ends.
+
+        A connection of the same `name` is ended by this one; the broker tells its last `will`
+        when it breaks.
+        """
         return aiomqtt.Client(
             self.host,
             self.port,
             username=self.user,
             password=self.password,
             protocol=aiomqtt.ProtocolVersion.V311,
-            identifier=f"swarm-ctl-{secrets.token_hex(6)}",
+            identifier=name or f"swarm-ctl-{secrets.token_hex(6)}",
+            will=will,
             clean_session=True,
             keepalive=KEEPALIVE_S,
             timeout=TIMEOUT_S,
@@ -95,24 +100,27 @@ async def stay_connected(
     *,
     without: str = "it",
     longest_retry_s: float = LONGEST_RETRY_S,
+    is_quiet: bool = False,
 ) -> None:
     """Run a session, and another one whenever it has ended, until cancelled; never raises.
 
-    Each loss of the broker is one warning, what we fly on `without`, and so is its return.
+    Each loss of the broker is one warning, what we fly on `without`, and so is its return; a
+    session that `is_quiet` leaves them to another one with the same broker.
     """
+    level = logging.DEBUG if is_quiet else logging.WARNING
     loop, wait_s, is_told = asyncio.get_running_loop(), RETRY_S, False
     while True:
         began_s = loop.time()
         try:
             async with broker.client() as client:
                 if is_told:
-                    LOG.warning("%s: connected again", broker)
+                    LOG.log(level, "%s: connected again", broker)
                 is_told = False
                 await session(client)
         except Exception as error:  # noqa: BLE001 - whatever it is, the vehicles fly on
             _end_if_cancelled()
             if not is_told:
-                LOG.warning("%s: %s; flying on without %s", broker, in_words(error), without)
+                LOG.log(level, "%s: %s; flying on without %s", broker, in_words(error), without)
             is_told = True
         if loop.time() - began_s > longest_retry_s:
             wait_s = RETRY_S

@@ -10,13 +10,15 @@ from collections.abc import Callable, Coroutine, Iterator, Sequence
 from typing import Any
 
 from swarm_ctl.agent.agent import Agent
+from swarm_ctl.bus.messages import Info
 from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.bus.orders import OrderDesk, Outcome
+from swarm_ctl.bus.publisher import Publisher
 from swarm_ctl.controller import Clock, Controller, fly
 from swarm_ctl.link import Link
 from swarm_ctl.link.mesh import Mesh
-from swarm_ctl.model import Operator
-from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.model import Operator, Vec3
+from swarm_ctl.record.folder import Mode, RunFolder
 
 REPORT_S = 0.25
 SYNC_S = 1.0
@@ -28,6 +30,8 @@ TWICE = "interrupted twice: ended without waiting for the landings"
 class Fleet:
     """Controllers on one clock, each with its own link; one that breaks never stops another."""
 
+    mode: Mode
+
     def __init__(
         self, controllers: Sequence[Controller], folder: RunFolder, *, speed: float
     ) -> None:
@@ -37,7 +41,11 @@ class Fleet:
         self.notes: list[str] = []
         self.interrupted = False
         self.broker: Broker | None = None
-        """Where orders over MQTT come from, if they do."""
+        """Where orders come from, and what is told of the vehicles, if anywhere."""
+        self.plan: dict[str, Any] | None = None
+        """Outline of the simulated world, in the launch frame, for operators' eyes only."""
+        self.origins: dict[int, Vec3] = {}
+        """Where the vehicles' own frames begin in the launch frame; for operators' eyes, too."""
         self.mesh: Mesh | None = None
         """What carries peers' frames beside the vehicles' links, if anything does."""
         self.tell: Callable[[Agent, str], None] = lambda *_: None
@@ -74,9 +82,11 @@ class Fleet:
             links = [mesh.join(*both) for both in zip(links, sysids, strict=True)]
             aside = [*aside, mesh.run()]
         async with asyncio.TaskGroup() as group:
-            works = (self._report(progress), self._sync(), *aside, *self._bus())
+            publisher = self._publisher()
+            works = (self._report(progress), self._sync(), *aside, *self._bus(publisher))
             tasks = [group.create_task(work) for work in works]
             await self._fly_all(links)
+            self.notes += [] if publisher is None else await publisher.finish()
             for task in tasks:
                 task.cancel()
         self.notes += [] if mesh is None else mesh.account()
@@ -109,11 +119,50 @@ class Fleet:
         except Exception as error:  # noqa: BLE001 - one vehicle never stops another
             controller.break_down(error, self.now)
 
-    def _bus(self) -> Iterator[Coroutine[Any, Any, None]]:
-        if self.broker is not None:
+    def _bus(self, publisher: Publisher | None) -> Iterator[Coroutine[Any, Any, None]]:
+        if self.broker is not None and publisher is not None:
             agents = [controller.agent for controller in self.controllers]
             mission, sysids = agents[0].orders.mission, [agent.sysid for agent in agents]
             yield OrderDesk(self.broker, mission, sysids, self._obey).run()
+            yield publisher.run()
+
+    def _publisher(self) -> Publisher | None:
+        """Let the controllers tell of themselves over the bus, if there is one."""
+        if self.broker is None:
+            return None
+        agents = [controller.agent for controller in self.controllers]
+        publisher = Publisher(
+            self.broker,
+            self._info(agents),
+            agents,
+            restarts=self.folder.restarts,
+            origins=self.origins,
+        )
+        for controller in self.controllers:
+            controller.tell = publisher.event
+        looks = self.tell
+
+        def tell(agent: Agent, reach: str) -> None:
+            looks(agent, reach)
+            publisher.look(agent)
+
+        self.tell = tell
+        return publisher
+
+    def _info(self, agents: Sequence[Agent]) -> Info:
+        orders, plan = agents[0].orders, self.plan
+        return Info(
+            run=self.folder.started_utc.isoformat(),
+            mission=orders.mission,
+            mode=self.mode,
+            vehicles=[agent.sysid for agent in agents],
+            planner=orders.planner.kind,
+            dimensions=orders.planner.dimensions,
+            duration_s=orders.duration_s,
+            seed=orders.seed,
+            world=None if plan is None else str(plan["name"]),
+            plan=plan,
+        )
 
     def _obey(self, sysid: int, operator: Operator | None) -> Outcome:
         (controller,) = (c for c in self.controllers if c.agent.sysid == sysid)

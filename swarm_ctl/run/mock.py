@@ -12,7 +12,9 @@ from swarm_ctl.controller import KILLED
 from swarm_ctl.flight import GRACE_S, MOCK_DIED, TRUTH, Faults, controllers_for, sign_with
 from swarm_ctl.link.udp import UdpLink
 from swarm_ctl.mission import Mission
+from swarm_ctl.model import Vec3
 from swarm_ctl.record.folder import RunFolder
+from swarm_ctl.record.truth import read_truth
 from swarm_ctl.run.fleet import Fleet
 from swarm_ctl.run.process import MockProcess
 from swarm_ctl.signing import KEY_VARIABLE
@@ -20,6 +22,8 @@ from swarm_ctl.signing import KEY_VARIABLE
 
 class UdpRun(Fleet):
     """One mission over UDP, from the mock's first line to its last."""
+
+    mode = "udp"
 
     def __init__(
         self,
@@ -50,6 +54,7 @@ class UdpRun(Fleet):
             try:
                 ready = await mock.ready()
                 self.referee = {"victims_total": ready["victims_total"]}
+                self._look_at_the_map(ready)
                 with _links(ready["ports"]) as links:
                     self._is_ready = True
                     aside = (self._listen(mock), mock.heed(), self._kill_controllers())
@@ -64,6 +69,13 @@ class UdpRun(Fleet):
                 self._mock.kill()
         else:
             super().interrupt()
+
+    def _look_at_the_map(self, ready: dict[str, Any]) -> None:
+        """Take what an operator may see of the world: its walls, and no victim."""
+        outline = read_truth(self.folder.path).world
+        self.plan = {key: value for key, value in outline.items() if key != "victims"} or None
+        places = (Vec3(*place) for place in ready["starts_ned_m"])
+        self.origins = dict(zip(ready["sysids"], places, strict=True))
 
     def _arguments(self) -> list[str]:
         mission = self.mission

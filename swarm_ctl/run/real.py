@@ -24,6 +24,8 @@ NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 class RealRun(Fleet):
     """One mission with the vehicles behind some links."""
 
+    mode = "fly"
+
     def __init__(
         self,
         mission: Mission,
