@@ -8,7 +8,7 @@ import secrets
 import ssl
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any, Self
 from urllib.parse import unquote, urlsplit
 
 import aiomqtt
@@ -30,6 +30,17 @@ RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
 """Waits between two attempts to connect: the first, and the longest after doubling."""
 
 Session = Callable[[aiomqtt.Client], Awaitable[None]]
+
+
+class _Client(aiomqtt.Client):
+    """Ends in silence, also when its connection broke and nobody was left to be told."""
+
+    async def __aexit__(self, *reason: Any) -> None:
+        try:
+            await super().__aexit__(*reason)
+        finally:
+            if self._disconnected.done():
+                self._disconnected.exception()  # else asyncio complains that nobody did
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +80,7 @@ class Broker:
         A connection of the same `name` is ended by this one; the broker tells its last `will`
         when it breaks.
         """
-        return aiomqtt.Client(
+        return _Client(
             self.host,
             self.port,
             username=self.user,

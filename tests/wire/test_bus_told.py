@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import socket
 from collections import Counter
@@ -208,7 +209,7 @@ async def test_what_a_restarted_controller_tells_is_added_to_what_was_told(
 
 
 async def test_a_broker_that_died_and_forgot_is_told_all_again(
-    broker: Mosquitto, tmp_path: Path
+    broker: Mosquitto, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     crew = Crew(tmp_path, broker.url)
     async with crew.on_air():
@@ -221,6 +222,8 @@ async def test_a_broker_that_died_and_forgot_is_told_all_again(
             crew.note(2, "meanwhile")
             crew.fly_to(1, 1.0 + outage)
             broker.start()
+    gc.collect()
+    assert [record for record in caplog.records if record.name == "asyncio"] == []
     log = await late_log(broker)
     assert sorted(log.events()) == [(1, 1), (1, 2), (1, 3), (1, 4), (2, 1), (2, 2), (2, 3)]
     assert (log.status(1), log.status(2)) == ("done", "done")
@@ -231,7 +234,7 @@ async def test_a_broker_that_died_and_forgot_is_told_all_again(
 
 
 async def test_a_frozen_broker_holds_up_nobody_and_loses_nothing(
-    broker: Mosquitto, tmp_path: Path
+    broker: Mosquitto, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     crew = Crew(tmp_path, broker.url)
     loop = asyncio.get_running_loop()
@@ -247,6 +250,8 @@ async def test_a_frozen_broker_holds_up_nobody_and_loses_nothing(
             await asyncio.sleep(0.005)
         assert longest_s < 0.5 * (loop.time() - began_s), "no note waits for an answer"
         broker.thaw()
+    gc.collect()
+    assert [record for record in caplog.records if record.name == "asyncio"] == []
     log = await late_log(broker)
     assert len(log.events()) == len(set(log.events())) == 100
 
@@ -332,6 +337,7 @@ async def test_every_event_of_a_mission_arrives_once_though_its_broker_was_kille
     assert Counter(found) == expected_events(session)
     assert len(log.events()) == len(set(log.events()))
     assert complaints.count("flying on without it") == complaints.count("connected again") <= 3
+    assert complaints.count("\n") <= 6
     explored = [
         one["explored_to_s"] - one["explored_from_s"] for one in session.summary()["per_vehicle"]
     ]
