@@ -8,10 +8,12 @@ import secrets
 import ssl
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import TracebackType
 from typing import Any, Self
 from urllib.parse import unquote, urlsplit
 
 import aiomqtt
+from paho.mqtt.client import Client
 
 from swarm_ctl.errors import SwarmError
 
@@ -33,11 +35,35 @@ Session = Callable[[aiomqtt.Client], Awaitable[None]]
 
 
 class _Client(aiomqtt.Client):
-    """Ends in silence, also when its connection broke and nobody was left to be told."""
+    """Ends in silence when its connection breaks, and leaves the sockets of others alone."""
 
-    async def __aexit__(self, *reason: Any) -> None:
+    def _on_socket_register_write(self, client: Client, _userdata: Any, sock: Any) -> None:
+        """Wait until there is room to write; not on a socket that is closed by then.
+
+        Its number may be somebody else's: aiomqtt 2.5 takes it before that is known.
+        """
+
+        def wait() -> None:
+            if sock.fileno() >= 0:
+                self._loop.add_writer(sock.fileno(), write)
+
+        def write() -> None:
+            try:
+                client.loop_write()
+            except Exception as error:  # noqa: BLE001 - whatever it is, the connection broke
+                if not self._disconnected.done():
+                    self._disconnected.set_exception(error)
+
+        self._loop.call_soon_threadsafe(wait)
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         try:
-            await super().__aexit__(*reason)
+            await super().__aexit__(kind, error, trace)
         finally:
             if self._disconnected.done():
                 self._disconnected.exception()  # else asyncio complains that nobody did
