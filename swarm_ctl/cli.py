@@ -34,6 +34,7 @@ from swarm_ctl.cli_options import (
     Seed,
     SigningKey,
     Vehicles,
+    Wait,
     World,
     interrupts,
     open_mesh,
@@ -116,6 +117,7 @@ def run(
     ] = None,
     signing_key: SigningKey = None,
     mqtt: Mqtt = None,
+    wait: Wait = False,
 ) -> None:
     """Fly a mission against mock vehicles and write its record.
 
@@ -137,6 +139,8 @@ def run(
     broker = read_broker(mqtt)
     if virtual and broker:
         raise SwarmError("--mqtt: there is no time for orders in --virtual; leave one of them out")
+    if virtual and wait:
+        raise SwarmError("--wait: nobody can order `start` in --virtual; leave one of them out")
     if virtual and peers:
         raise SwarmError("--peers: in --virtual the mock's radio is all; leave one of them out")
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
@@ -151,7 +155,7 @@ def run(
             if virtual:
                 facts = _fly_virtual(chosen, folder, faults, console, stop)
             else:
-                facts = _fly_udp(chosen, folder, faults, console, speed, key, broker)
+                facts = _fly_udp(chosen, folder, faults, console, speed, key, broker, waits=wait)
         except (SwarmError, KeyboardInterrupt):  # the mock would not, or may not, start
             discard(folder, is_ours=is_ours)
             raise
@@ -218,9 +222,13 @@ def _fly_udp(
     speed: float,
     key: bytes | None,
     broker: Broker | None,
+    *,
+    waits: bool,
 ) -> dict[str, Any]:
     flight = UdpRun(mission, folder, speed=speed, faults=faults, key=key)
     flight.broker = broker
+    if waits:
+        flight.wait_for_start()
     with open_mesh(mission) as flight.mesh, ProgressView(mission, console) as view:
 
         def show(flight: UdpRun) -> None:

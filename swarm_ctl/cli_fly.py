@@ -23,6 +23,7 @@ from swarm_ctl.cli_options import (
     PipeConsole,
     PlannerKind,
     SigningKey,
+    Wait,
     interrupts,
     open_mesh,
     read_broker,
@@ -83,6 +84,7 @@ def fly(
     ] = False,
     signing_key: SigningKey = None,
     mqtt: Mqtt = None,
+    wait: Wait = False,
 ) -> None:
     """Fly a mission with real autopilots, PX4 or ArduPilot, and write its record.
 
@@ -123,6 +125,7 @@ def fly(
         is_new=new,
         key=key,
         broker=broker,
+        waits=wait,
     )
     outcome = asyncio.run(flight)
     raise typer.Exit(EXIT_CODES[outcome])
@@ -140,6 +143,7 @@ async def _fly(
     is_new: bool,
     key: bytes | None,
     broker: Broker | None,
+    waits: bool,
 ) -> str:
     """Fly from the first heartbeat to the last line of the record; give the outcome."""
     with contextlib.ExitStack() as opened:
@@ -158,6 +162,8 @@ async def _fly(
         folder = _open_folder(mission, flown, console, speed=speed, out=out, is_new=is_new)
         flight = RealRun(mission, folder, links, speed=speed, key=key)
         flight.broker, flight.mesh = broker, mesh
+        if waits:
+            flight.wait_for_start()
         with interrupts():
             return await _record(flight, mission, console)
 

@@ -71,12 +71,20 @@ SigningKey = Annotated[
 
 MQTT = typer.Option(
     "--mqtt",
-    help="Broker for orders: mqtt://[USER@]HOST[:PORT], or mqtts:// for TLS; its password is "
-    f"in {PASSWORD_VARIABLE}.",
+    help="Broker to tell of the vehicles, and for orders: mqtt://[USER@]HOST[:PORT], or mqtts:// "
+    f"for TLS; its password is in {PASSWORD_VARIABLE}.",
     metavar="URL",
     show_default=False,
 )
 Mqtt = Annotated[str | None, MQTT]
+Wait = Annotated[
+    bool,
+    typer.Option(
+        "--wait",
+        help="Let the vehicles stand ready until `start` is ordered, over MQTT or by a ground "
+        "station's MISSION_START.",
+    ),
+]
 
 
 Peers = Annotated[

@@ -30,6 +30,7 @@ class Setpoint(NamedTuple):
 class Operator(StrEnum):
     """What an operator may ask of a vehicle at any time."""
 
+    START = "start"
     PAUSE = "pause"
     RESUME = "resume"
     RETURN = "return"

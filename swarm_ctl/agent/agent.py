@@ -97,13 +97,12 @@ class Agent:
         self.sysid = sysid
         self.orders = orders
         self.start_delay_s = start_delay_s
-        self.now = 0.0
+        self.now = self.began_s = 0.0
+        """The mission begins with the run, or when `start` was ordered."""
         self.phase = Phase.CONNECTING
         self.entered_s = 0.0
-        self.reason = ""
-        """Why the present phase was entered, in words."""
-        self.trouble = ""
-        """What ended the mission early, in words; empty when all went as planned."""
+        self.reason = self.trouble = ""
+        """Why the present phase was entered, and what ended the mission early, in words."""
         self.refusal = ""
         """The last command the autopilot refused, and why."""
         self.parser = wire.Parser({*SUBSCRIBED, *COMMANDS})
@@ -122,8 +121,9 @@ class Agent:
         self.victims = Victims(sysid)
         self.explored_from_s: float | None = None
         self.explored_to_s: float | None = None
-        self.is_paused = self.is_given = self.is_steering = False
-        """Held by the operator; given back by him; the last tick gave a setpoint."""
+        self.is_paused = self.is_given = self.is_steering = self.awaits_start = False
+        """Held by the operator; given back by him; the last tick gave a setpoint; on the ground
+        until `start` is ordered."""
         self.vigil = Vigil()
         self.homebound = ""
         """Why the vehicle is on its way home for good, in words; empty while it is not."""

@@ -30,7 +30,10 @@ PADDING = 256
 seconds see. As many are skipped, so that no number ever stands for two entries."""
 _AS_BEFORE = frozenset({Phase.YIELDED, Phase.DONE, Phase.FAILED})
 """Phases that a restart changes nothing about."""
-_STATE = ("reason", "trouble", "homebound", "is_paused", "explored_from_s", "explored_to_s")
+_STATE = (
+    *("reason", "trouble", "homebound", "is_paused", "began_s"),
+    *("explored_from_s", "explored_to_s"),
+)
 """Attributes of an agent that are written and read as they are."""
 
 Page = dict[str, Any]

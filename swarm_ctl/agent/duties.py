@@ -67,12 +67,13 @@ def connect(agent: Agent) -> Vec3 | None:
 
 
 def wait_for_start(agent: Agent) -> Vec3 | None:
-    """Wait for this vehicle's turn to take off."""
+    """Wait for this vehicle's turn to take off, and for the order to if there is to be one."""
     if agent.telemetry.armed:
         agent.enter(Cause.FAULT, "armed by somebody else before its start")
         return None
     agent.telemetry.start_here()
-    if agent.in_phase_s >= agent.start_delay_s:
+    waited_s = agent.now - max(agent.entered_s, agent.began_s)
+    if not agent.awaits_start and waited_s >= agent.start_delay_s:
         agent.enter(Cause.STARTED, "")
     return None
 

@@ -28,6 +28,7 @@ class Health(NamedTuple):
     holding_s: float
     """Since something has demanded the present hold; 0 when nothing does."""
     mission_s: float
+    """Since the mission began."""
     battery_fraction: float
     """1 when the autopilot does not tell."""
     way_home_fraction: float = 0.0

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 from swarm_ctl import wire
-from swarm_ctl.agent.phases import STEERING, Cause, Phase
+from swarm_ctl.agent.phases import BEFORE_START, STEERING, Cause, Phase
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT
 from swarm_ctl.model import Operator
@@ -48,6 +48,7 @@ _BEFORE_FLIGHT = frozenset({Phase.CONNECTING, Phase.READY, Phase.ARMING})
 _LANDS = STEERING | {Phase.ARMING, Phase.LOST}
 _DOWN = frozenset({Phase.LANDING, Phase.DONE})
 _ALREADY: Mapping[Operator, frozenset[Phase]] = {
+    Operator.START: STEERING | {Phase.ARMING, Phase.TAKEOFF},
     Operator.RETURN: frozenset({Phase.RETURNING, Phase.DONE}),
     Operator.LAND: _DOWN,
     Operator.ABORT: _DOWN,
@@ -66,6 +67,8 @@ def obey(agent: Agent, operator: Operator) -> bool:
         return False
     agent.note("OperatorOrder", order=operator.value)
     match operator:
+        case Operator.START:
+            is_done = _start(agent)
         case Operator.PAUSE:
             is_done = _pause(agent)
         case Operator.RESUME:
@@ -75,6 +78,15 @@ def obey(agent: Agent, operator: Operator) -> bool:
     if not is_done:
         agent.note("OrderRefused", order=operator.value, phase=agent.phase.value)
     return is_done
+
+
+def _start(agent: Agent) -> bool:
+    """Let a vehicle that stands ready, or soon will, take its turn; most do without an order."""
+    if agent.phase not in BEFORE_START:
+        return False
+    if agent.awaits_start:
+        agent.awaits_start, agent.began_s = False, agent.now
+    return True
 
 
 def _pause(agent: Agent) -> bool:
@@ -88,6 +100,9 @@ def _pause(agent: Agent) -> bool:
 
 
 def _resume(agent: Agent) -> bool:
+    """End a pause; it is also how a ground station starts what waits for it (MISSION_START)."""
+    if agent.awaits_start and agent.phase in BEFORE_START:
+        return _start(agent)
     if agent.phase is Phase.YIELDED:
         agent.is_given = True
         agent.enter(Cause.RESUMED, "the operator gave the vehicle back")

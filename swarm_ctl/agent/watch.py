@@ -197,7 +197,7 @@ def _health(agent: Agent) -> Health:
         range_age_s=0.0 if agent.orders.flight.open_air else now - min(telemetry.ranges_s[:4]),
         plan_age_s=now - planned_s if plans else 0.0,
         holding_s=0.0 if troubled_s is None else now - troubled_s,
-        mission_s=now,
+        mission_s=now - agent.began_s,
         battery_fraction=1.0 if battery is None else battery,
         way_home_fraction=agent.vigil.endurance.needed,
         outside_s=_outside_s(agent),

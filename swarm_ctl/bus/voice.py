@@ -12,7 +12,7 @@ import aiomqtt
 
 from swarm_ctl import model
 from swarm_ctl.agent.agent import Agent
-from swarm_ctl.agent.phases import EXPLORES, STEERING
+from swarm_ctl.agent.phases import BEFORE_START, EXPLORES, STEERING
 from swarm_ctl.bus.ground import SeenGround
 from swarm_ctl.bus.journal import EventJournal
 from swarm_ctl.bus.messages import ANY, Coverage, Info, State, Status, event_topic, topic
@@ -212,7 +212,7 @@ class Voice:
             phase=agent.phase.value,
             words=agent.reason,
             is_paused=agent.is_paused,
-            is_waiting=False,
+            is_waiting=agent.awaits_start and agent.phase in BEFORE_START,
             position_ned_m=_rounded(telemetry.position_ned_m),
             velocity_ned_m_s=_rounded(telemetry.velocity_ned_m_s),
             yaw_rad=round(telemetry.yaw_rad, 3),

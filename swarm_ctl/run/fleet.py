@@ -56,6 +56,11 @@ class Fleet:
         """Give mission time."""
         return self.clock.now()
 
+    def wait_for_start(self) -> None:
+        """Let nobody take off before `start` is ordered."""
+        for controller in self.controllers:
+            controller.agent.awaits_start = True
+
     def interrupt(self) -> None:
         """Land everybody; asked twice, end at once."""
         if not self.interrupted:

@@ -47,7 +47,7 @@ def test_a_word_and_json_say_the_same(payload: bytes) -> None:
 @pytest.mark.parametrize(
     ("payload", "id_", "words"),
     [
-        (b"", "", "none of pause, resume, return, land, abort"),
+        (b"", "", "none of start, pause, resume, return, land, abort"),
         (b"explode", "", "none of"),
         (b"LAND", "", "none of"),
         (b'{"order": "explode", "id": "7"}', "7", "none of"),

@@ -9,6 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.agent.agent import Agent, Orders
+from swarm_ctl.agent.duties import wait_for_start
 from swarm_ctl.agent.orders import MOST_PER_TICK, ORDERS, is_ground_station, obey
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.phases import STEERING, Phase
@@ -118,8 +119,40 @@ def test_who_takes_off_returns_by_landing() -> None:
 
 def test_who_is_down_has_done_what_brings_down() -> None:
     agent = an_agent(Phase.DONE, armed=False)
-    assert [obey(agent, operator) for operator in Operator] == [False, False, True, True, True]
+    assert [obey(agent, operator) for operator in Operator] == [False] * 3 + [True] * 3
     assert agent.drain_events() == []
+
+
+def test_a_vehicle_that_awaits_its_start_takes_its_turn_when_it_is_ordered() -> None:
+    agent = an_agent(Phase.READY, armed=False)
+    agent.awaits_start, agent.start_delay_s = True, 5.0
+    for now in (10.0, 1000.0):
+        agent.telemetry.heard_s = agent.now = now
+        wait_for_start(agent)
+        assert agent.phase is Phase.READY
+    assert obey(agent, Operator.START)
+    for now, phase in ((1004.9, Phase.READY), (1005.0, Phase.ARMING)):
+        agent.now = now
+        wait_for_start(agent)
+        assert agent.phase is phase, "its delay counts from the order"
+    assert obey(agent, Operator.START), "already so"
+    assert agent.began_s == 1000.0
+
+
+@pytest.mark.parametrize("phase", [Phase.LANDING, Phase.LOST, Phase.YIELDED, Phase.DONE])
+def test_start_moves_nobody_that_is_beyond_it(phase: Phase) -> None:
+    agent = an_agent(phase)
+    assert not obey(agent, Operator.START)
+    assert agent.phase is phase
+
+
+def test_a_ground_station_starts_what_waits_by_its_mission_start() -> None:
+    agent = an_agent(Phase.READY, armed=False)
+    agent.awaits_start = True
+    station = Station(agent)
+    station.say(START)
+    assert station.answers(1.0) == [(START, ACCEPTED)]
+    assert not agent.awaits_start
 
 
 def test_a_vehicle_whose_link_is_lost_holds_when_it_is_back() -> None:

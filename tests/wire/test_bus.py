@@ -505,3 +505,35 @@ def test_virtual_time_takes_no_orders(
     assert code == 2
     assert complaints.startswith("--mqtt: there is no time for orders in --virtual")
     assert not session.out.exists()
+
+
+async def test_vehicles_that_wait_take_off_when_start_is_ordered(
+    hall: Callable[..., Path],
+    swarm_ctl_run: Callable[..., Session],
+    start: Start,
+    type_order: Type,
+) -> None:
+    broker = start()
+    session = swarm_ctl_run(hall(), "--speed", 10, "--wait", "--mqtt", broker.url)
+    for sysid in (1, 2):
+        await asyncio.to_thread(session.wait_for, "ready", sysid=sysid)
+    await asyncio.sleep(1.0)
+    assert not any(e.get("data", {}).get("after") == "arming" for e in session.events())
+    words = ("start", "--mqtt", broker.url, "--mission", "hall", "--vehicles", 2)
+    code, said, _ = await asyncio.to_thread(type_order, *words)
+    assert (code, sorted(said.splitlines())) == (
+        0,
+        [f"vehicle {sysid}: start accepted, it is ready" for sysid in (1, 2)],
+    )
+    assert (await asyncio.to_thread(session.end))[0] == 0
+    assert session.phases() == ["done", "done"]
+    ordered = next(e["time_s"] for e in session.events() if e["event"] == "OperatorOrder")
+    assert ordered > 10.0, "it was waited for a second, ten of the mission"
+
+
+def test_nobody_waits_in_virtual_time(
+    hall: Callable[..., Path], swarm_ctl_run: Callable[..., Session]
+) -> None:
+    code, _, complaints = swarm_ctl_run(hall(), "--virtual", "--wait").end()
+    assert (code, complaints.count("\n")) == (2, 1)
+    assert complaints.startswith("--wait: nobody can order `start` in --virtual")
