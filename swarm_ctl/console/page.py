@@ -22,6 +22,9 @@ class Source(Protocol):
     def picture(self) -> Picture:
         """Give what is to be seen now."""
 
+    def state(self) -> dict[str, Any]:
+        """Give what the page has to say beside it: whether it plays, what is wrong."""
+
     def handlers(self) -> dict[str, Callable[[Any], None]]:
         """Give what is to be done with what an operator clicks: by the event's name."""
 
@@ -50,7 +53,7 @@ class Board(ui.element, component="web/board.js", esm={"swarm-console": "web"}):
         """Send a frame if the last one was drawn: a slow browser gets fewer, and no queue."""
         if self._is_waiting:
             self._is_waiting = False
-            self.show(self._source.picture().frame(self._cursor))
+            self.show({**self._source.picture().frame(self._cursor), **self._source.state()})
 
     def show(self, frame: Frame) -> None:
         """Send a frame."""

@@ -130,8 +130,6 @@ class Picture:
         self.victims: dict[int, Victim] = {}
         self.curve: list[tuple[float, float]] = []
         """Mission time, and how much is seen: a share, or square or cubic metres."""
-        self.state: dict[str, Any] = {}
-        """What the page says of itself: whether the broker is there, orders under way."""
         self._cells: list[Cell] = []
         self._seen: set[Cell] = set()
         self._lines: deque[Line] = deque(maxlen=LOG_LINES)
@@ -168,7 +166,7 @@ class Picture:
 
     def frame(self, cursor: Cursor) -> Frame:
         """Give what a browser lacks, and take note that it has it now."""
-        frame: Frame = {"time": round(self.time_s, 1), **self.state}
+        frame: Frame = {"time": round(self.time_s, 1)}
         if cursor.picture is not self:
             frame["reset"] = True
             cursor.picture, cursor.head, cursor.points = self, None, {}

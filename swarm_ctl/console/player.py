@@ -35,8 +35,11 @@ class Player:
             self._replay.advance(self._picture, min(time_s, self._replay.duration_s))
             self._playing = time_s < self._replay.duration_s
         self._played_s = now
-        self._picture.state["playing"] = self._playing
         return self._picture
+
+    def state(self) -> dict[str, Any]:
+        """Tell whether it plays."""
+        return {"playing": self._playing}
 
     def handlers(self) -> dict[str, Callable[[Any], None]]:
         """Play and pause, seek, change the speed."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
@@ -43,8 +45,21 @@ def new_token() -> str:
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
-async def serve(sock: socket.socket, token: str, open_source: Callable[[], Source]) -> None:
-    """Serve the page until Ctrl-C; each browser gets a source of its own."""
+async def serve(
+    sock: socket.socket,
+    token: str,
+    open_source: Callable[[], Source],
+    watch: Callable[[], Coroutine[Any, Any, None]] | None = None,
+) -> None:
+    """Serve the page until Ctrl-C, and watch meanwhile; each browser gets a source of its own."""
+    async with asyncio.TaskGroup() as tasks:
+        watching = tasks.create_task(watch(), name="console watch") if watch else None
+        await uvicorn.Server(_site(sock, token, open_source)).serve(sockets=[sock])
+        if watching is not None:
+            watching.cancel()
+
+
+def _site(sock: socket.socket, token: str, open_source: Callable[[], Source]) -> uvicorn.Config:
     site = FastAPI(openapi_url=None)
 
     @ui.page("/", title="swarm-ctl console")
@@ -52,12 +67,10 @@ async def serve(sock: socket.socket, token: str, open_source: Callable[[], Sourc
         build(open_source())
 
     ui.run_with(site, dark=True, tailwind=False, show_welcome_message=False)
-    door = Door(site, token, sock.getsockname()[1])
-    config = uvicorn.Config(
-        door,
+    return uvicorn.Config(
+        Door(site, token, sock.getsockname()[1]),
         log_level="warning",
         access_log=False,
         timeout_graceful_shutdown=1,
         server_header=False,
     )
-    await uvicorn.Server(config).serve(sockets=[sock])

@@ -52,6 +52,12 @@ class Chromium:
         """Errors and warnings of the page's scripts."""
         self._open = contextlib.ExitStack()
         self._open.callback(self._end)
+        with contextlib.ExitStack() as trouble:  # whatever goes wrong here, no browser stays
+            trouble.callback(self._open.close)
+            self._begin(width, height)
+            trouble.pop_all()
+
+    def _begin(self, width: int, height: int) -> None:
         self._socket = self._open.enter_context(connect(self._page_address(), max_size=None))
         for domain in ("Page", "Runtime", "Network"):
             self.call(f"{domain}.enable")

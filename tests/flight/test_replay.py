@@ -84,7 +84,7 @@ def test_a_player_keeps_time_by_its_speed_and_stops_at_the_end(run: Path) -> Non
     player.play(True)
     clock.now += 1e6
     assert player.picture().time_s == replay.duration_s
-    assert player.picture().state["playing"] is False
+    assert player.state()["playing"] is False
     player.play(True)
     assert player.picture().time_s == 0.0
 
@@ -95,7 +95,7 @@ def test_nonsense_from_a_browser_changes_nothing(run: Path, nonsense: object) ->
     player.seek(nonsense)
     player.set_speed(nonsense)
     player.play(nonsense)
-    assert (player.picture().time_s, player.picture().state["playing"]) == (0.0, False)
+    assert (player.picture().time_s, player.state()["playing"]) == (0.0, False)
 
 
 def whole(frame: dict[str, Any]) -> dict[str, Any]:

@@ -1,23 +1,34 @@
-import { AIRBORNE, Chart, Scene, look, urgency, vehicle } from "swarm-console";
+import { AIRBORNE, Chart, Scene, clock, look, urgency, vehicle } from "swarm-console";
 
 const LONG_TABLE = 26; // more vehicles than this are sorted by who wants an eye
 const SPEEDS = [0.5, 1, 2, 5, 10, 20];
+// Each order's word, and what it tells all vehicles, or one, to do.
 const ORDERS = [
-  ["pause", "Hold", "hold where they are until they are told to resume"],
-  ["resume", "Resume", "go on; a vehicle that a pilot flies is taken back"],
-  ["return", "Return", "fly home and land there"],
-  ["land", "Land", "land where they are"],
-  ["abort", "Abort", "end the mission and land where they are"],
+  ["pause", "Hold", "All hold where they are until they are told to resume.",
+    "It holds where it is until it is told to resume."],
+  ["resume", "Resume", "All go on with the mission. Those that a pilot flies are taken back.",
+    "It goes on with the mission. If a pilot flies it, it is taken back."],
+  ["return", "Return", "All fly home and land there.", "It flies home and lands there."],
+  ["land", "Land", "All land where they are.", "It lands where it is."],
+  ["abort", "Abort", "The mission ends: all land where they are.",
+    "Its mission ends: it lands where it is."],
 ];
+
+const few = (sysids) =>
+  sysids.length > 4 ? `${sysids.slice(0, 4).join(", ")} and ${sysids.length - 4} more` : sysids.join(", ");
 
 // The operator's page. The server sends one frame after another (picture.py), and each is drawn whole.
 export default {
   components: { Chart },
-  emits: ["ready", "drawn", "order", "play", "seek", "speed"],
+  emits: ["ready", "drawn", "order", "choose", "play", "seek", "speed"],
   template: `
   <div class="board" :class="{ replay: isReplay, dense: rows.length > ${LONG_TABLE} }">
     <header>
-      <div class="name"><b>{{ head.mission || "No mission yet" }}</b>
+      <div class="name">
+        <select v-if="missions.length > 1" :value="head.mission" aria-label="mission"
+          @change="$emit('choose', $event.target.value)">
+          <option v-for="one in missions" :key="one">{{ one }}</option></select>
+        <b v-else>{{ head.mission || "No mission yet" }}</b>
         <span class="mode" :class="head.mode">{{ isReplay ? "replay" : "live" }}</span></div>
       <div class="fact" data-fact="time"><b>{{ clock(time) }}</b><i>mission time</i></div>
       <div class="fact" data-fact="air"><b>{{ airborne }}<s>/{{ rows.length }}</s></b><i>in the air</i></div>
@@ -25,6 +36,7 @@ export default {
       <div class="fact" data-fact="victims"><b>{{ victims.length }}<s v-if="head.victims_total">/{{ head.victims_total }}</s></b><i>victims found</i></div>
       <div class="fill"></div>
       <div v-if="!isReplay" class="orders">
+        <span class="answer" role="status" :class="{ bad: answered.isBad }">{{ answered.words }}</span>
         <span class="whom">{{ whom }}</span>
         <button v-for="[order, word] in orders" :key="order" :class="order" :data-order="order"
           :disabled="!rows.length" @click="ask(order)">{{ word }}</button>
@@ -88,8 +100,8 @@ export default {
     </dialog>
   </div>`,
   data: () => ({
-    head: {}, time: 0, rows: [], victims: [], curve: [], log: [], warning: "", selected: null,
-    asked: null, playing: false, speed: 1, speeds: SPEEDS, orders: ORDERS, look, grid: 5,
+    lines: 0,    head: {}, time: 0, rows: [], victims: [], curve: [], log: [], warning: "", selected: null,
+    missions: [], answer: null, asked: null, playing: false, speed: 1, speeds: SPEEDS, orders: ORDERS, look, grid: 5,
   }),
   mounted() {
     try {
@@ -138,7 +150,18 @@ export default {
       return lines.slice(-200).reverse();
     },
     whom() {
-      return this.selected ? `vehicle ${this.selected}` : `all ${this.rows.length || ""} vehicles`;
+      if (this.selected) return `vehicle ${this.selected}`;
+      return this.rows.length > 1 ? `all ${this.rows.length} vehicles` : "all vehicles";
+    },
+    answered() {
+      if (!this.answer) return { words: "" };
+      const { order, sysid, obeyed, refused, silent } = this.answer;
+      const [, word] = ORDERS.find(([name]) => name === order) ?? [order, order];
+      const all = obeyed + refused.length + silent.length;
+      const parts = [sysid ? `${word}, vehicle ${sysid}:` : `${word}:`, `${obeyed} of ${all} obey`];
+      if (refused.length) parts.push(`· ${few(refused)} refuse`);
+      if (silent.length) parts.push(`· no answer from ${few(silent)}`);
+      return { words: parts.join(" "), isBad: refused.length + silent.length > 0 };
     },
     unplaced() {
       const lost = this.rows.filter((one) => !one.place).length;
@@ -158,6 +181,8 @@ export default {
       this.victims = Object.freeze(frame.victims);
       this.time = frame.time;
       this.warning = frame.warning ?? "";
+      this.missions = frame.missions ?? [];
+      this.answer = frame.answer ?? null;
       if (frame.playing !== undefined) this.playing = frame.playing;
       if (frame.curve.length) this.curve = Object.freeze([...this.curve, ...frame.curve]);
       this.write(frame.log);
@@ -166,19 +191,19 @@ export default {
     },
     write(lines) {
       if (!lines.length) return;
-      const from = (this.log[this.log.length - 1]?.key ?? 0) + 1;
-      const fresh = lines.map(([time, sysid, kind, words], i) => ({ key: from + i, time, sysid, kind, words }));
-      this.log = Object.freeze([...this.log, ...fresh].slice(-1000));
+      const fresh = lines.map(([time, sysid, kind, words]) => ({ key: (this.lines += 1), time, sysid, kind, words }));
+      const all = [...this.log, ...fresh];
+      if (all.some((line, i) => i && line.time < all[i - 1].time)) all.sort((a, b) => a.time - b.time);
+      this.log = Object.freeze(all.slice(-1000));
     },
     select(sysid) {
       this.selected = sysid;
       this.drawing?.select(sysid);
     },
     ask(order) {
-      const [, word, effect] = ORDERS.find(([name]) => name === order);
-      const whom = this.selected ? `vehicle ${this.selected}` : `all ${this.rows.length} vehicles`;
-      const they = this.selected ? "The vehicle is told to" : "All vehicles are told to";
-      this.asked = { order, word, whom, sysid: this.selected, effect: `${they} ${effect}.` };
+      const [, word, ofAll, ofOne] = ORDERS.find(([name]) => name === order);
+      const effect = this.selected ? ofOne : ofAll;
+      this.asked = { order, word, whom: this.whom, sysid: this.selected, effect };
       this.$nextTick(() => this.$refs.dialog.showModal());
     },
     give() {
@@ -197,9 +222,6 @@ export default {
       this.speed = speed;
       this.$emit("speed", speed);
     },
-    clock(seconds) {
-      const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
-      return `${minutes}:${String(rest).padStart(2, "0")}`;
-    },
+    clock,
   },
 };

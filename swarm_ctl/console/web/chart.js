@@ -1,3 +1,6 @@
+import { clock } from "./phases.js";
+
+const STEPS_S = [5, 10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600];
 const [LEFT, RIGHT, TOP, BOTTOM] = [44, 12, 10, 20];
 
 // What was explored over time, when victims were found, and where in time we are.
@@ -12,8 +15,7 @@ export default {
         <text class="tick" :x="${LEFT - 6}" :y="y(tick) + 3.5" text-anchor="end">{{ tick }}</text>
       </g>
       <text v-for="tick in xTicks" :key="'x' + tick" class="tick" :x="x(tick)" :y="height - 5"
-        text-anchor="middle">{{ tick }}</text>
-      <text class="tick" :x="width - ${RIGHT}" :y="height - 5" text-anchor="end">s</text>
+        text-anchor="middle">{{ clock(tick) }}</text>
       <path class="later" :d="path"/>
       <clipPath id="past"><rect x="0" y="0" :width="x(time)" :height="height"/></clipPath>
       <path class="area" :d="area" clip-path="url(#past)"/>
@@ -43,10 +45,11 @@ export default {
       return roundUp(most);
     },
     xTicks() {
-      return ticks(this.end, 8);
+      const size = STEPS_S.find((step) => this.end / step <= 9) ?? 7200;
+      return multiples(size, this.end);
     },
     yTicks() {
-      return ticks(this.top, 4);
+      return multiples(roundUp(this.top / 4), this.top);
     },
     path() {
       return this.curve.map(([t, value], i) => `${i ? "L" : "M"}${this.dot(t, value)}`).join("");
@@ -58,6 +61,7 @@ export default {
     },
   },
   methods: {
+    clock,
     x(time) {
       return LEFT + (time / this.end) * (this.width - LEFT - RIGHT);
     },
@@ -85,8 +89,5 @@ function roundUp(value) {
   return [1, 2, 2.5, 5, 10].map((n) => n * unit).find((n) => n >= value);
 }
 
-// Round numbers from 0 to an end, at most as many as wanted.
-function ticks(end, wanted) {
-  const size = roundUp(end / wanted);
-  return Array.from({ length: Math.floor(end / size + 1e-9) + 1 }, (_, i) => +(i * size).toFixed(2));
-}
+const multiples = (size, end) =>
+  Array.from({ length: Math.floor(end / size + 1e-9) + 1 }, (_, i) => +(i * size).toFixed(2));

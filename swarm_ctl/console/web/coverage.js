@@ -7,7 +7,8 @@ const MARGIN = 32; // cells, when the known ground grows
 
 // The ground that was seen, painted cell by cell into a texture that lies on the floor.
 export class Coverage {
-  constructor(scene, grid) {
+  constructor(scene, grid, world) {
+    this.world = world;
     this.scene = scene;
     this.grid = grid;
     this.counts = new Map();
@@ -17,7 +18,8 @@ export class Coverage {
   }
 
   // Take indices north, east, north, east, … of cells that were seen just now.
-  see(cells, isFresh) {
+  see(told, isFresh) {
+    const cells = this.within(told);
     if (!cells.length) return;
     this.makeRoom(cells);
     const now = performance.now();
@@ -28,6 +30,22 @@ export class Coverage {
       if (isFresh) this.fresh.push([now, cells[i], cells[i + 1]]);
     }
     this.texture.needsUpdate = true;
+  }
+
+  // Leave out what lies behind the walls of a closed world: vehicles see through them.
+  within(cells) {
+    if (!this.world?.closed) return cells;
+    const { cell_m, north_m, east_m } = this.grid;
+    const [low, high] = [this.world.low, this.world.high];
+    const isIn = (index, from, axis) => {
+      const middle = from + (index + 0.5) * cell_m;
+      return middle > low[axis] && middle < high[axis];
+    };
+    return cells.flatMap((north, i) => {
+      if (i % 2) return [];
+      const east = cells[i + 1];
+      return isIn(north, north_m, 0) && isIn(east, east_m, 1) ? [north, east] : [];
+    });
   }
 
   // Let what was new a while ago look like the rest; true while something is new.

@@ -83,7 +83,7 @@ function walls(polygons) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.Float32BufferAttribute(faces, 3));
   const material = new THREE.MeshBasicMaterial({
-    color: WALL, transparent: true, opacity: 0.2, depthWrite: false, side: THREE.DoubleSide,
+    color: WALL, transparent: true, opacity: 0.15, depthWrite: false, side: THREE.DoubleSide,
   });
   return [new THREE.Mesh(geometry, material), lines(edges, EDGE, 0.5)];
 }

@@ -23,6 +23,9 @@ export const AIRBORNE = new Set([
 const URGENT = ["offline", "failed", "lost", "yielded", "holding", "landing", "returning"];
 export const VICTIM = "#ff8fc7";
 
+export const clock = (seconds) =>
+  `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+
 export const look = (phase) => PHASES[phase] ?? ["·", "#dbe4ec"];
 
 export const urgency = (phase) => {

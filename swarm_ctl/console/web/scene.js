@@ -36,7 +36,7 @@ export class Scene {
   begin(head) {
     if (this.ground) this.scene.remove(this.ground);
     this.coverage?.remove();
-    this.coverage = new Coverage(this.scene, head.grid);
+    this.coverage = new Coverage(this.scene, head.grid, head.world);
     this.head = head;
     this.bounds = null;
     this.swarm.clear();

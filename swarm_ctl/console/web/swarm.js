@@ -16,7 +16,7 @@ export class Swarm {
     this.rim = darts("#05080b", 0);
     this.body = darts("#ffffff", 1);
     this.stems = segments(2 * MOST, "#7f95a8", 0.45);
-    this.links = segments(16384, "#7fb2ff", 0.38);
+    this.links = segments(16384, "#7fb2ff", 0.5);
     this.chosen = segments(2 * MOST, "#ffffff", 0.75);
     this.trails = segments(2 * MOST * TRAIL, null, 1);
     scene.add(this.trails, this.links, this.chosen, this.stems, this.rim, this.body);
@@ -101,7 +101,7 @@ export class Swarm {
 
 const point = ([north, east, down]) => [east, north, -down];
 
-const fading = (bright, share) => GROUND.clone().lerp(bright, share * share).toArray();
+const fading = (bright, share) => GROUND.clone().lerp(bright, 0.15 + 0.7 * share).toArray();
 
 function place(mesh, index, x, y, z, yaw, scale) {
   const turn = new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3(0, 0, 1), -yaw);
