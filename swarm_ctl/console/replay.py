@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,85 +13,84 @@ from numpy.typing import NDArray
 
 from swarm_ctl.console.picture import Cell, Grid, Line, Picture, Victim
 from swarm_ctl.console.words import QUIET, in_words
-from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Vec3
-from swarm_ctl.record.journal import read_journal
-from swarm_ctl.record.truth import Truth, read_truth
+from swarm_ctl.record.reader import Battery, Run, Track
+from swarm_ctl.record.truth import Truth
 
 FLOATS = NDArray[np.float64]
 MOVES_M = 0.05
 """A vehicle that moved less between two samples keeps its heading."""
+OWN_STARTS = (
+    "Nobody knows where one vehicle started from another: each is drawn from its own start."
+)
 
 
-class Track(NamedTuple):
-    """Where one vehicle was, in the frame of the picture."""
+class Flown(NamedTuple):
+    """What a run tells of one vehicle over time."""
 
-    times_s: FLOATS
-    """Mission time of each sample, rising."""
-    places_ned_m: FLOATS
-    """Samples by 3."""
+    track: Track
     yaws_rad: FLOATS
-    """The way it went, for want of its heading."""
+    """At each place of the track the way it went on, for want of its heading."""
+    battery: Battery
 
     @classmethod
-    def of(cls, times_s: FLOATS, places_ned_m: FLOATS) -> Self:
-        """Take samples, and find the way from each to the next."""
-        steps = np.diff(places_ned_m[:, :2], axis=0, append=places_ned_m[-1:, :2])
-        yaws = np.arctan2(steps[:, 1], steps[:, 0])
+    def read(cls, run: Run, track: Track) -> Self:
+        """Read what the folder has beside a track."""
+        ne_m = track.ned_m[:, :2]
+        steps = np.diff(ne_m, axis=0, append=ne_m[-1:])
         moved = np.hypot(steps[:, 0], steps[:, 1]) > MOVES_M
         last = np.maximum.accumulate(np.where(moved, np.arange(len(steps)), 0))
-        return cls(times_s, places_ned_m, yaws[last])
+        yaws = np.arctan2(steps[:, 1], steps[:, 0])
+        return cls(track, yaws[last], run.battery(track.sysid))
 
     def at(self, time_s: float) -> tuple[Vec3, float]:
         """Give place and heading at a mission time, between the samples."""
-        place = (float(np.interp(time_s, self.times_s, axis)) for axis in self.places_ned_m.T)
-        index = max(0, int(np.searchsorted(self.times_s, time_s, side="right")) - 1)
-        return Vec3(*place), float(self.yaws_rad[index])
+        place = (float(np.interp(time_s, self.track.time_s, axis)) for axis in self.track.ned_m.T)
+        return Vec3(*place), float(self.yaws_rad[max(0, _index(self.track.time_s, time_s))])
+
+    def left_fraction(self, time_s: float) -> float | None:
+        """Give what was left in the battery; None before it was told."""
+        index = _index(self.battery.time_s, time_s)
+        left = self.battery.left_fraction[index] if index >= 0 else math.nan
+        return None if math.isnan(left) else float(left)
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
     """What a run folder tells, in the order of mission time."""
 
+    run: Run
     head: Mapping[str, Any]
     grid: Grid
     duration_s: float
-    sysids: Sequence[int]
-    tracks: Mapping[int, Track]
-    origins: Mapping[int, Vec3]
-    """Where each vehicle's own frame begins in the frame of the picture."""
+    flown: Mapping[int, Flown]
     events: Sequence[Mapping[str, Any]]
+    """Those about a vehicle."""
     event_times_s: FLOATS
     cells: Sequence[Cell]
     """Places in the order in which they were seen."""
     cell_times_s: FLOATS
 
     @classmethod
-    def read(cls, run: Path) -> Self:
+    def read(cls, folder: Path) -> Self:
         """Read a run folder; SwarmError when it is none."""
-        mission, events, truth = _mission(run), _events(run), read_truth(run)
-        tracks = _true_tracks(truth) or _own_tracks(run)
+        run = Run.read(folder)
+        told = (entry for entry in run.entries if "sysid" in entry)
+        events = sorted(told, key=lambda entry: float(entry["time_s"]))
         times_s = np.array([event["time_s"] for event in events], dtype=np.float64)
-        ends_s = [track.times_s[-1] for track in tracks.values()]
-        duration_s = float(max([1.0, *times_s[-1:], *ends_s]))
-        sysids = sorted({*tracks, *(event["sysid"] for event in events)})
-        grid, cells, cell_times_s = _seen(truth)
-        head = _head(run, mission, truth, duration_s, events)
-        origins = {
-            sysid: Vec3(*map(float, place))
-            for sysid, place in zip(
-                truth.arrays.get("sysids", ()), truth.arrays.get("starts_ned_m", ()), strict=False
-            )
-        }
-        return cls(
-            head, grid, duration_s, sysids, tracks, origins, events, times_s, cells, cell_times_s
-        )
+        tracks = [track for track in run.tracks if len(track.time_s)]
+        ends_s = [float(track.time_s[-1]) for track in tracks]
+        duration_s = max([1.0, *times_s[-1:].tolist(), *ends_s])
+        flown = {track.sysid: Flown.read(run, track) for track in tracks}
+        head = _head(run, duration_s)
+        grid, cells, cell_times_s = _seen(run.truth)
+        return cls(run, head, grid, duration_s, flown, events, times_s, cells, cell_times_s)
 
     def at(self, time_s: float) -> Picture:
         """Draw how things were at a mission time."""
         picture = Picture(self.head, self.grid)
         picture.time_s = -math.inf
-        for sysid in self.sysids:
+        for sysid in self.run.sysids:
             picture.vehicle(sysid)
         self.advance(picture, time_s)
         return picture
@@ -103,11 +101,12 @@ class Replay:
         for event in self.events[_between(self.event_times_s, since_s, time_s)]:
             self._happen(picture, event)
         picture.see(self.cells[_between(self.cell_times_s, since_s, time_s)])
-        for sysid, track in self.tracks.items():
-            vehicle = picture.vehicle(sysid)
-            for place in track.places_ned_m[_between(track.times_s, since_s, time_s)]:
-                vehicle.move(Vec3(*map(float, place)), 0.0)
-            vehicle.place_ned_m, vehicle.yaw_rad = track.at(time_s)
+        for sysid, flown in self.flown.items():
+            vehicle, track = picture.vehicle(sysid), flown.track
+            for place in track.ned_m[_between(track.time_s, since_s, time_s)].tolist():
+                vehicle.move(Vec3(*place), 0.0)
+            vehicle.place_ned_m, vehicle.yaw_rad = flown.at(time_s)
+            vehicle.battery_fraction = flown.left_fraction(time_s)
 
     def _happen(self, picture: Picture, event: Mapping[str, Any]) -> None:
         name, data, sysid = event["event"], event.get("data", {}), event["sysid"]
@@ -118,72 +117,23 @@ class Replay:
             case "ContactsChanged":
                 peers = {*vehicle.peers, *data["gained"]} - {*data["lost"]}
                 vehicle.peers = tuple(sorted(peers))
-            case "VictimFound":
-                place = _sum(self.origins.get(sysid), data.get("position_ned_m"))
-                picture.find(Victim(data["victim"], place, sysid, event["time_s"]))
+            case "VictimFound" | "VictimHeard":
+                place = self.run.in_launch_frame(sysid, Vec3(*data["position_ned_m"]))
+                finder = data.get("finder", sysid)
+                picture.find(Victim(data["victim"], place, finder, event["time_s"]))
         if name not in QUIET:
             vehicle.note = in_words(name, data)
             picture.tell(Line(event["time_s"], sysid, name, vehicle.note))
 
 
+def _index(times_s: FLOATS, time_s: float) -> int:
+    """Give the last sample that is not later than a time; -1 when there is none."""
+    return int(np.searchsorted(times_s, time_s, side="right")) - 1
+
+
 def _between(times_s: FLOATS, since_s: float, until_s: float) -> slice:
     """Give what came after a time, up to another one and with it."""
-    first, last = np.searchsorted(times_s, (since_s, until_s), side="right")
-    return slice(int(first), int(last))
-
-
-def _sum(origin: Vec3 | None, offset: Sequence[float] | None) -> Vec3 | None:
-    if origin is None or offset is None:
-        return None
-    return Vec3(*(a + b for a, b in zip(origin, offset, strict=True)))
-
-
-def _mission(run: Path) -> dict[str, Any]:
-    """Read `mission.json`, which every run folder has."""
-    try:
-        value = json.loads((run / "mission.json").read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise SwarmError(f"{run}: is no run folder: it has no mission.json") from None
-    except (OSError, ValueError) as error:
-        raise SwarmError(f"{run}/mission.json: cannot be read: {error}") from None
-    return dict(value)
-
-
-def _events(run: Path) -> list[dict[str, Any]]:
-    """Read the facts about vehicles."""
-    try:
-        entries = read_journal(run / "events.jsonl")
-    except OSError as error:
-        raise SwarmError(f"{run}/events.jsonl: cannot be read: {error.strerror}") from None
-    told = [entry for entry in entries if "sysid" in entry]
-    return sorted(told, key=lambda entry: float(entry["time_s"]))
-
-
-def _true_tracks(truth: Truth) -> dict[int, Track]:
-    """Take where the referee saw everybody."""
-    if "track_ned_m" not in truth.arrays:
-        return {}
-    times_s, places = truth.arrays["track_time_s"], truth.arrays["track_ned_m"].astype(np.float64)
-    sysids = truth.arrays.get("sysids", np.arange(1, places.shape[1] + 1))
-    if not len(times_s):
-        return {}
-    return {int(sysid): Track.of(times_s, places[:, i]) for i, sysid in enumerate(sysids)}
-
-
-def _own_tracks(run: Path) -> dict[int, Track]:
-    """Take where each vehicle believes it flew, from its own start."""
-    try:
-        vehicles = json.loads((run / "paths.json").read_text(encoding="utf-8"))["vehicles"]
-    except (OSError, ValueError, KeyError):
-        return {}
-    tracks = {}
-    for vehicle in vehicles:
-        flown = [point for point in vehicle["waypoints"] if point["kind"] == "flown"]
-        if flown:
-            times_s = np.array([point["time_s"] for point in flown])
-            places = np.array([point["position_m"] for point in flown])
-            tracks[vehicle["sysid"]] = Track.of(times_s, places)
-    return tracks
+    return slice(_index(times_s, since_s) + 1, _index(times_s, until_s) + 1)
 
 
 def _seen(truth: Truth) -> tuple[Grid, list[Cell], FLOATS]:
@@ -199,30 +149,23 @@ def _seen(truth: Truth) -> tuple[Grid, list[Cell], FLOATS]:
     return grid, [tuple(cell) for cell in cells[order].tolist()], times_s[order]
 
 
-def _head(
-    run: Path,
-    mission: Mapping[str, Any],
-    truth: Truth,
-    duration_s: float,
-    events: Sequence[Mapping[str, Any]],
-) -> dict[str, Any]:
+def _head(run: Run, duration_s: float) -> dict[str, Any]:
     """Tell what stays the same all through the replay, the whole curve included."""
-    flown = mission.get("mission", {})
-    times_s = truth.arrays.get("coverage_time_s", np.empty(0))
-    shares = truth.arrays.get("coverage_fraction", np.empty(0))
+    arrays = run.truth.arrays
+    curve = zip(
+        arrays.get("coverage_time_s", np.empty(0)).tolist(),
+        (100.0 * arrays.get("coverage_fraction", np.empty(0))).tolist(),
+        strict=False,
+    )
     return {
         "mode": "replay",
-        "run": run.resolve().name,
-        "mission": flown.get("name", run.name),
-        "planner": flown.get("planner", {}).get("kind", ""),
-        "seed": mission.get("seed"),
+        "run": run.path.resolve().name,
+        "mission": run.name,
         "duration_s": duration_s,
-        "victims_total": truth.numbers.get("victims_total"),
-        "world": truth.world or None,
+        "victims_total": run.truth.numbers.get("victims_total"),
+        "world": run.truth.world or None,
         "unit": "%",
-        "curve": [
-            (round(float(time), 1), round(100.0 * float(share), 2))
-            for time, share in zip(times_s, shares, strict=False)
-        ],
-        "found_s": [e["time_s"] for e in events if e["event"] == "VictimFound"],
+        "curve": [(round(time_s, 1), round(percent, 2)) for time_s, percent in curve],
+        "found_s": [event["time_s"] for event in run.events("VictimFound")],
+        "note": "" if run.starts_ned_m else OWN_STARTS,
     }

@@ -164,6 +164,7 @@ export default {
       return { words: parts.join(" "), isBad: refused.length + silent.length > 0 };
     },
     unplaced() {
+      if (this.head.note) return this.head.note;
       const lost = this.rows.filter((one) => !one.place).length;
       if (!lost || !this.rows.length) return "";
       return `${lost} of ${this.rows.length} not drawn: nobody knows yet where they are`;
