@@ -42,7 +42,7 @@ from swarm_ctl.cli_options import (
     read_key,
 )
 from swarm_ctl.cli_order import order
-from swarm_ctl.cli_record import report
+from swarm_ctl.cli_record import export, report
 from swarm_ctl.cli_soak import soak
 from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.flight import Faults, discard, finish
@@ -206,6 +206,7 @@ app.command()(soak)
 app.command()(order)
 app.command()(console)
 app.command()(report)
+app.command()(export)
 
 
 @app.command()

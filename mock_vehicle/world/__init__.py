@@ -233,12 +233,13 @@ class World:
     def outline(self) -> dict[str, Any]:
         """Describe the world for drawing, JSON-able.
 
-        `low`, `high` [n, e, d] bound it (the outer walls, if `closed`); `polygons` are the shapes
-        from above, `points_ne_m` with `bottom_m` and `top_m` above the floor; `victims` have
-        `name` and `position_ned_m`. `map` is null or solid cells: cell (i, j) begins at
-        `origin_ne_m` plus i `cell_m` along the map's x axis, which points `yaw_rad`
-        counter-clockwise from east, plus j along its y axis; of `shape` [nx, ny], j running
-        fastest, `blocked_rle` holds the lengths of runs, first free, then solid, and so on.
+        `low`, `high` [n, e, d] bound it (the outer walls, if `closed`); `origin` is the place of
+        0, 0, 0 on the globe; `polygons` are the shapes from above, `points_ne_m` with `bottom_m`
+        and `top_m` above the floor; `victims` have `name` and `position_ned_m`. `map` is null or
+        solid cells: cell (i, j) begins at `origin_ne_m` plus i `cell_m` along the map's x axis,
+        which points `yaw_rad` counter-clockwise from east, plus j along its y axis; of `shape`
+        [nx, ny], j running fastest, `blocked_rle` holds the lengths of runs, first free, then
+        solid, and so on.
         """
         return {
             "name": self.name,
@@ -246,6 +247,7 @@ class World:
             "high": self.high_ned_m.tolist(),
             "ceiling_m": self.ceiling_m,
             "closed": self.spec.closed and self._map is None,
+            "origin": self.spec.gnss.model_dump(exclude={"reception"}),
             "polygons": [polygon(prism) for prism in self.prisms],
             "victims": [
                 v._asdict() | {"position_ned_m": [*v.position_ned_m]} for v in self.victims

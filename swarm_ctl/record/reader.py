@@ -14,8 +14,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm_ctl.agent.beacon import BEACON_TYPE, decode
 from swarm_ctl.errors import SwarmError
-from swarm_ctl.frames import Geodetic, enu_to_ned
+from swarm_ctl.frames import Geodetic, enu_to_ned, geodetic_to_ned
 from swarm_ctl.model import Vec3
 from swarm_ctl.record.journal import read_journal
 from swarm_ctl.record.spread import Contacts, read_contacts
@@ -60,6 +61,8 @@ class Run:
     truth: Truth
     paths: list[dict[str, Any]] = field(default_factory=list)
     """The vehicles of `paths.json`."""
+    given_origin: Geodetic | None = None
+    """Where somebody says that the launch frame begins."""
 
     @classmethod
     def read(cls, path: Path, summary: Mapping[str, Any] | None = None) -> Self:
@@ -117,25 +120,32 @@ class Run:
     def starts_ned_m(self) -> dict[int, Vec3]:
         """Tell where each vehicle's own frame begins in the launch frame; empty: nobody knows.
 
-        The launch frame is the world's against mock vehicles, else the mission's survey; of one
-        real vehicle alone it is its own.
+        The launch frame is the world's against mock vehicles, else the mission's survey, else
+        begins at the first vehicle that satellites have placed; one alone has its own.
         """
         if self._truth_starts:
             return self._truth_starts
-        frame = self.mission.get("frame") or {}
-        if frame.get("shared") == "surveyed":
-            surveyed = frame["starts_m"].items()
+        if self._frame.get("shared") == "surveyed":
+            surveyed = self._frame["starts_m"].items()
             return {int(sysid): enu_to_ned(Vec3(*start)) for sysid, start in surveyed}
+        if told := self._told_starts:
+            first = told[min(told)]
+            return {sysid: geodetic_to_ned(start, first) for sysid, start in told.items()}
         return {self.sysids[0]: Vec3(0.0, 0.0, 0.0)} if len(self.sysids) == 1 else {}
 
     @cached_property
     def origin(self) -> Geodetic | None:
-        """Tell where the launch frame's origin lies on the globe; None: nobody knows."""
-        world = self.truth.world.get("origin")
-        if world:
+        """Tell where the launch frame begins on the globe; None: nobody knows.
+
+        What was given comes first, then the mock's world, the survey, the satellites.
+        """
+        if self.given_origin is not None:
+            return self.given_origin
+        if world := self.truth.world.get("origin"):
             return Geodetic(world["latitude_deg"], world["longitude_deg"], world["amsl_m"])
-        surveyed = (self.mission.get("frame") or {}).get("origin")
-        return Geodetic(*surveyed) if surveyed else None
+        if surveyed := self._frame.get("origin"):
+            return Geodetic(*surveyed)
+        return self._told_starts[min(self._told_starts)] if self._told_starts else None
 
     @cached_property
     def tracks(self) -> list[Track]:
@@ -179,6 +189,18 @@ class Run:
         start = self.starts_ned_m.get(sysid)
         return None if start is None else Vec3(*map(sum, zip(start, own_ned_m, strict=True)))
 
+    @property
+    def _frame(self) -> dict[str, Any]:
+        return self.mission.get("frame") or {}
+
+    @cached_property
+    def _told_starts(self) -> dict[int, Geodetic]:
+        """Read from the beacons where satellites have put each vehicle's start."""
+        if self._frame.get("shared") != "gnss":
+            return {}
+        told = {sysid: _told_start(self.tlog(sysid), sysid) for sysid in self.sysids}
+        return {sysid: start for sysid, start in told.items() if start is not None}
+
     @cached_property
     def _truth_starts(self) -> dict[int, Vec3]:
         arrays = self.truth.arrays
@@ -193,6 +215,16 @@ class Run:
         places = np.array([waypoint["position_m"] for waypoint in flown], dtype=float)
         times_s = np.array([waypoint["time_s"] for waypoint in flown], dtype=float)
         return _track(path["sysid"], times_s, places.reshape(-1, 3) + start)
+
+
+def _told_start(log: Path, sysid: int) -> Geodetic | None:
+    for _, tunnel in find_frames(log, "TUNNEL", sysid):
+        beacon = None
+        if tunnel.payload_type == BEACON_TYPE:
+            beacon = decode(bytes(tunnel.payload[: tunnel.payload_length]))
+        if beacon is not None and isinstance(beacon.start, Geodetic):
+            return beacon.start
+    return None
 
 
 def _by_vehicle(ned_m: NDArray[Any]) -> NDArray[Any]:
