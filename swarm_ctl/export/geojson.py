@@ -16,6 +16,8 @@ from swarm_ctl.model import Vec3
 from swarm_ctl.record.reader import Run
 from swarm_ctl.record.sightings import Sighting, sightings
 
+LEAST_M = 0.25
+"""Radius of a circle on a map: coordinates are told to 1 cm, and no victim is a point."""
 _CORNERS = 24
 """Of the circle around a victim."""
 
@@ -100,7 +102,7 @@ def _paths(run: Run, origin: Geodetic) -> Iterable[dict[str, Any]]:
 def _circle(middle: Vec3, radius_m: float) -> list[Vec3]:
     """Go counter-clockwise around a place, on its height, and come back to the first corner."""
     turns = [2.0 * math.pi * corner / _CORNERS for corner in (*range(_CORNERS), 0)]
-    reach = max(radius_m, 0.01)
+    reach = max(radius_m, LEAST_M)
     return [
         Vec3(middle.x + reach * math.sin(turn), middle.y + reach * math.cos(turn), middle.z)
         for turn in turns
