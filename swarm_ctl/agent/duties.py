@@ -111,7 +111,8 @@ def take_off(agent: Agent) -> Vec3 | None:
     telemetry, flight, pilot = agent.telemetry, agent.orders.flight, agent.telemetry.autopilot
     by_command = pilot is not None and pilot.takeoff_by_command
     enough_m = CLIMBED_FRACTION * flight.height_m
-    if agent.is_given:  # in flight, where ArduPilot obeys no take-off
+    is_astray = by_command and agent.vigil.troubled_s is not None  # setpoints stop it, at last
+    if agent.is_given or is_astray:  # in flight, where ArduPilot obeys no take-off
         enough_m = min(enough_m, agent.orders.limits.floor_m)
     if telemetry.height_m > enough_m:
         agent.enter(Cause.AIRBORNE, "")

@@ -281,6 +281,19 @@ def test_a_position_that_jumps_makes_the_vehicle_wait(launch: Launch, detect: De
     flight.fly_until(lambda: agent.phase in EXPLORES, within_s=4)
 
 
+def test_a_copter_whose_position_jumps_as_it_climbs_is_stopped_before_it_flies_there(
+    launch: Launch,
+) -> None:
+    flight = launch(autopilot="ardupilot", duration_s=LONG)
+    agent, body = flight.agent(1), flight.arena.fleet.dynamics
+    flight.fly_until(lambda: agent.phase is Phase.TAKEOFF and agent.telemetry.height_m > 0.5)
+    began_ned_m = body.position_ned_m[0].copy()
+    strike(flight, "drift", fraction=0.0, jump_m=6.0)
+    flight.fly(3.0)
+    assert agent.phase not in {Phase.TAKEOFF, Phase.LANDING}
+    assert np.linalg.norm((body.position_ned_m[0] - began_ned_m)[:2]) < 0.6
+
+
 def test_rangefinders_that_fall_silent_make_the_vehicle_hold_and_land(
     launch: Launch, detect: Detect
 ) -> None:
