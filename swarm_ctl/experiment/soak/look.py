@@ -22,10 +22,12 @@ MOST_LOST = 0.5
 HEALED_S = 3.0
 """From the end of a fault to full control: a heartbeat, a round trip, and what is flown meanwhile
 (PX4 offboard loss 1 s, ArduPilot's GUID_TIMEOUT 3 s)."""
+STILLED_S = 8.0
+"""From the end of a gust: the integral that has leant against it takes so long to empty."""
 
 OUT_OF_HAND: Mapping[str, float] = {
     "motor": math.inf,
-    "wind-gust": HEALED_S,
+    "wind-gust": STILLED_S,
     "reboot": math.inf,
     "freeze": HEALED_S,
     "frozen-telemetry": HEALED_S,
@@ -39,6 +41,8 @@ BLIND: Mapping[str, float] = {"rangefinder-stuck": HEALED_S, "rangefinder-noise"
 """Faults with which a vehicle cannot tell where the walls are, though it believes to."""
 RUNAWAY_M_S = 0.3
 """Whoever is out of hand and faster than this runs away; in a corner nobody can make room."""
+BLOW_M = 0.65
+"""Two bodies of 0.3 m radius, and what is flown between two looks."""
 SHIFTED: Mapping[str, float] = {"gnss-glitch": HEALED_S}
 """Faults by which an ArduPilot that takes off flies aside: no setpoint may follow that command."""
 
@@ -112,6 +116,8 @@ class Look:
         self._blind_s = [_spans(faults, index + 1, BLIND) for index in self.range]
         self._shifted_s = [_spans(faults, index + 1, SHIFTED) for index in self.range]
         self._rising_s: dict[int, float] = {}
+        self._struck_s: dict[int, float] = {}
+        """Who was run into by a runaway, and when."""
 
     def advance(self) -> None:
         """Take in what the last tick brought."""
@@ -133,8 +139,9 @@ class Look:
         self.sent = {i: (phase, _names(data)) for i, (phase, data) in sent.items()}
         self.events, self._witness.events = self._witness.events, []
         self._note_links()
+        self._note_blows()
         self.gaps_m = [
-            (i, j, math.dist(self.places_ned_m[i], self.places_ned_m[j]))
+            (i, j, self._gap_m(i, j))
             for i in self.range
             for j in self.range[i + 1 :]
             if (self.steered[i] or self.steered[j])
@@ -152,9 +159,14 @@ class Look:
         return self.fleet.vehicles[index].mode_name in {"OFFBOARD", "GUIDED"}
 
     def is_blind(self, index: int) -> bool:
-        """Whether a fault keeps a vehicle from seeing walls, or its autopilot flies to the side."""
-        return _within(self._blind_s[index], self.now) or (
-            _within(self._shifted_s[index], self.now) and self._has_just_risen(index)
+        """Whether nobody could keep a vehicle off walls.
+
+        It does not see them, its autopilot flies to the side, or a runaway has just run into it.
+        """
+        return (
+            _within(self._blind_s[index], self.now)
+            or self.now - self._struck_s.get(index, -math.inf) < HEALED_S
+            or (_within(self._shifted_s[index], self.now) and self._has_just_risen(index))
         )
 
     def _has_just_risen(self, index: int) -> bool:
@@ -171,6 +183,15 @@ class Look:
     def _know_each_other(self, one: int, other: int) -> bool:
         """Whether the radios of a pair have reached each other long enough."""
         return self.now - self._unlinked_s.get((one, other), 0.0) > MET_S
+
+    def _note_blows(self) -> None:
+        for i in self.range:
+            if self._runs_away(i):
+                near = (j for j in self.range if j != i and self._gap_m(i, j) < BLOW_M)
+                self._struck_s.update(dict.fromkeys(near, self.now))
+
+    def _gap_m(self, one: int, other: int) -> float:
+        return math.dist(self.places_ned_m[one], self.places_ned_m[other])
 
     def error_m(self, index: int) -> float:
         """Give how wrong a vehicle's own position is, level and vertical together."""
