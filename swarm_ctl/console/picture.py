@@ -76,6 +76,8 @@ class Vehicle:
     """Its last event, in a few words."""
     status: str = "online"
     """`online`, `offline` (its controller is gone) or `done`."""
+    is_waiting: bool = False
+    """It stands ready until it is told to start."""
     trail: deque[Vec3] = field(default_factory=lambda: deque(maxlen=TRAIL_POINTS))
     points: int = 0
     """Places that were ever added to the trail."""
@@ -96,7 +98,7 @@ class Vehicle:
             round(self.yaw_rad, 2),
             None if self.battery_fraction is None else round(100 * self.battery_fraction),
             None if self.silent_s is None else round(min(self.silent_s, 999.0), 1),
-            self.status,
+            "waiting" if self.is_waiting and self.status == "online" else self.status,
             self.peers,
             self.note,
             [_rounded(self.trail[i]) for i in range(len(self.trail) - fresh, len(self.trail))],

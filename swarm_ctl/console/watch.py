@@ -126,7 +126,7 @@ class Watch:
                 self._when_placed(told.sysid, take)
 
     def _take_state(self, state: State, vehicle: Vehicle) -> None:
-        vehicle.phase = state.phase
+        vehicle.phase, vehicle.is_waiting = state.phase, state.is_waiting
         vehicle.battery_fraction = state.battery
         vehicle.peers = tuple(state.neighbours)
         if state.link_age_s is not None:

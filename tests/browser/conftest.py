@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import mosquitto
 import pytest
 from browser.chromium import PROGRAM, Chromium
 
@@ -34,3 +35,13 @@ def browser(tmp_path: Path) -> Iterator[Chromium]:
         pytest.skip("chromium is not installed, and pages cannot be tested without a browser")
     with Chromium(tmp_path) as opened:
         yield opened
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[mosquitto.Mosquitto]:
+    """Give a broker that may be started."""
+    if mosquitto.PROGRAM is None:
+        pytest.skip("mosquitto is not installed")
+    made = mosquitto.Mosquitto(tmp_path)
+    yield made
+    made.kill()

@@ -4,6 +4,7 @@ const LONG_TABLE = 26; // more vehicles than this are sorted by who wants an eye
 const SPEEDS = [0.5, 1, 2, 5, 10, 20];
 // Each order's word, and what it tells all vehicles, or one, to do.
 const ORDERS = [
+  ["start", "Start", "Those that stand ready take off and explore.", "It takes off and explores."],
   ["pause", "Hold", "All hold where they are until they are told to resume.",
     "It holds where it is until it is told to resume."],
   ["resume", "Resume", "All go on with the mission. Those that a pilot flies are taken back.",
@@ -38,7 +39,7 @@ export default {
       <div v-if="!isReplay" class="orders">
         <span class="answer" role="status" :class="{ bad: answered.isBad }">{{ answered.words }}</span>
         <span class="whom">{{ whom }}</span>
-        <button v-for="[order, word] in orders" :key="order" :class="order" :data-order="order"
+        <button v-for="[order, word] in offered" :key="order" :class="order" :data-order="order"
           :disabled="!rows.length" @click="ask(order)">{{ word }}</button>
       </div>
       <span v-else class="run" :title="head.run">{{ head.run }}</span>
@@ -101,7 +102,7 @@ export default {
   </div>`,
   data: () => ({
     lines: 0,    head: {}, time: 0, rows: [], victims: [], curve: [], log: [], warning: "", selected: null,
-    missions: [], answer: null, asked: null, playing: false, speed: 1, speeds: SPEEDS, orders: ORDERS, look, grid: 5,
+    missions: [], answer: null, asked: null, playing: false, speed: 1, speeds: SPEEDS, look, grid: 5,
   }),
   mounted() {
     try {
@@ -148,6 +149,10 @@ export default {
     shownLog() {
       const lines = this.log.filter((line) => !this.selected || line.sysid === this.selected);
       return lines.slice(-200).reverse();
+    },
+    offered() {
+      const mayStart = this.rows.some((one) => one.isWaiting);
+      return ORDERS.filter(([order]) => order !== "start" || mayStart);
     },
     whom() {
       if (this.selected) return `vehicle ${this.selected}`;

@@ -37,5 +37,6 @@ export const urgency = (phase) => {
 export const vehicle = (row) => {
   const [sysid, phase, place, yaw, battery, silent, status, peers, note, trail] = row;
   const shown = status === "offline" ? "offline" : phase;
-  return { sysid, phase: shown, place, yaw, battery, silent, peers, note, trail };
+  const isWaiting = status === "waiting";
+  return { sysid, phase: shown, isWaiting, place, yaw, battery, silent, peers, note, trail };
 };
