@@ -91,7 +91,7 @@ export default {
       <ol class="log" ref="log"><li v-for="line in shownLog" :key="line.key" :data-kind="line.kind">
         <time>{{ clock(line.time) }}</time><b>{{ line.sysid || "" }}</b><span>{{ line.words }}</span></li></ol>
     </aside>
-    <dialog ref="dialog" @close="asked = null">
+    <dialog ref="dialog">
       <template v-if="asked">
         <h3>{{ asked.word }} {{ asked.whom }}?</h3>
         <p>{{ asked.effect }}</p>
