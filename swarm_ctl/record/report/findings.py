@@ -25,7 +25,7 @@ def victims_section(run: Run) -> Markup | None:
         return None
     news = run.contacts.news if run.contacts else []
     known = {one["victim"]: one["all_s"] for one in news}
-    heads = ["victim", "found at", "by", "north", "east", "height", "sure to", "off truth"]
+    heads = ["victim", "found at", "by vehicle", "north", "east", "height", "sure to", "off truth"]
     heads += ["latitude, longitude"] if run.origin else []
     heads += ["all knew after"] if len(run.sysids) > 1 else []
     rows = [_victim(run, one, known.get(one.number)) for one in found]
@@ -51,7 +51,7 @@ def _victim(run: Run, one: Sighting, all_s: float | None) -> list[str]:
     cells = [
         one.name or f"number {one.number}",
         f"{one.found.time_s:.1f} s",
-        f"vehicle {one.found.sysid}",
+        f"{one.found.sysid}",
         f"{place.x:.2f}",
         f"{place.y:.2f}",
         f"{-place.z:.2f}",

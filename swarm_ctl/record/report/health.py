@@ -54,7 +54,7 @@ def _alarm(entry: Mapping[str, Any]) -> str:
     return "" if is_planned else str(data["reason"])
 
 
-PLANNED = frozenset({"", "exploration time is over", "landed"})
+PLANNED = frozenset({"", "exploration time is over", "home", "landed"})
 """Reasons why a good flight ends."""
 
 
@@ -99,7 +99,8 @@ def wire_section(run: Run) -> Markup | None:
     """Tell what the controllers sent and heard, what was lost, and what the radio did."""
     results = run.summary.get("per_vehicle", ())
     parts: list[str] = []
-    if jitter_ms := run.summary.get("setpoint_jitter_p99_ms"):
+    jitter_ms = run.summary.get("setpoint_jitter_p99_ms") or 0.0
+    if jitter_ms >= 0.05:
         words = f"Setpoints were at most {jitter_ms:.1f} ms off their beat, 99 times of 100."
         parts.append(tag("p", words))
     if radio := _json(run, "truth/radio.json"):
@@ -131,10 +132,10 @@ def _radio(radio: Mapping[str, Any]) -> list[str]:
     words = (
         f"Over the radio vehicles broadcast {sum(v['sent'] for v in radio['vehicles']):,} frames; "
         f"{delivered:,} were heard ({size / 1e6:.1f} MB), the slowest after {slowest_s:.2f} s. "
-        "Of those that somebody who was ever in reach did not hear:"
+        "What vehicles that ever came in reach did not hear was lost to"
     )
     rows = [[cause, f"{n:,}", f"{n / sent:.1%}"] for cause, n in lost.most_common()]
-    return [tag("p", words), table(["lost to", "frames", "of all sent"], rows)]
+    return [tag("p", words), table(["cause", "frames", "of all sent"], rows)]
 
 
 def repeat_section(run: Run) -> Markup:

@@ -76,7 +76,7 @@ def _tiles(run: Run) -> list[Markup]:
     tiles = [
         ("explored", None if share is None else f"{share:.1%}", ""),
         ("victims found", _of(found, total), ""),
-        ("contacts", None if hits is None else f"{hits}", "bad" if hits else ""),
+        ("collisions", None if hits is None else f"{hits}", "bad" if hits else ""),
         ("nearest two came", None if nearest is None else f"{nearest:.2f} m", ""),
         ("explored for", _seconds(s("exploration_s")), ""),
         ("in all", _seconds(s("duration_s")), ""),
