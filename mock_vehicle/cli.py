@@ -24,7 +24,7 @@ from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import parse_fault
 from mock_vehicle.fleet import Fleet
 from mock_vehicle.options import SYSID_MAX, Autopilot, Boot, Telemetry
-from mock_vehicle.ports import LOCALHOST, plan_further_ports, plan_ports
+from mock_vehicle.ports import LOCALHOST, plan_further_ports, plan_ports, plan_shown_ports
 from mock_vehicle.server import Port, Server
 from mock_vehicle.vehicle import PERSONALITIES, personalities
 from mock_vehicle.world import load_world, read_faults
@@ -71,6 +71,8 @@ def run(
         listening = plan_ports(kinds, host=host, base=port, listed=ports, remote=remote)
         if rates is Telemetry.FULL:
             listening += plan_further_ports(kinds, host=host, usual=port is None and ports is None)
+        if rates is Telemetry.SHOWN:
+            listening += plan_shown_ports(vehicles, host=host)
         fleet = Fleet(
             open_field() if world is None else load_world(world),
             kinds,

@@ -67,7 +67,7 @@ class Fleet:
         They are ready to arm `boot_s` s after the start, or as late as the real ones (None).
         `parameters` replace defaults; each vehicle takes those that its autopilot has, but for the
         sysid, which the fleet gives. `rates` "full" sends telemetry as often as the real ones, one
-        frame per datagram.
+        frame per datagram; "shown" adds links for a ground station and a viewer to "lean".
         """
         self.world = world
         self.personalities = list(personalities)

@@ -35,6 +35,7 @@ class Telemetry(StrEnum):
 
     FULL = "full"
     LEAN = "lean"
+    SHOWN = "shown"
 
 
 class Boot(StrEnum):
@@ -83,7 +84,8 @@ Sysid = Annotated[
 Rates = Annotated[
     Telemetry,
     typer.Option(
-        help="Telemetry as the real ones send it, or 10 Hz at most for swarms.",
+        help="Telemetry as the real ones send it, or 10 Hz at most for swarms; shown: the same, "
+        "and all call ground stations (14550) and viewers (19410 + i), too.",
         rich_help_panel=VEHICLES,
     ),
 ]

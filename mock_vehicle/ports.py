@@ -96,6 +96,13 @@ def plan_further_ports(kinds: Sequence[str], *, host: str, usual: bool) -> list[
     ]
 
 
+def plan_shown_ports(vehicles: int, *, host: str) -> list[Port]:
+    """Let every vehicle of a swarm call ground stations and viewers from free ports."""
+    stations = [GCS_REMOTE] * vehicles
+    viewers = [PX4_DISPLAY_REMOTE + index for index in range(vehicles)]
+    return [Port((host, 0), (LOCALHOST, remote)) for remote in (*stations, *viewers)]
+
+
 def hint(bind: Address, remote: Address | None) -> str:
     """Say how clients reach a vehicle that listens here and calls there, in their own words."""
     scheme, (host, port) = ("udpout", bind) if remote is None else ("udpin", remote)

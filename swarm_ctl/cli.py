@@ -118,6 +118,14 @@ def run(
     signing_key: SigningKey = None,
     mqtt: Mqtt = None,
     wait: Wait = False,
+    show: Annotated[
+        bool,
+        typer.Option(
+            "--show",
+            help="Let ground stations (QGroundControl, UDP 14550) and viewers (Hawkeye, 19410 + i) "
+            "see the fleet.",
+        ),
+    ] = False,
 ) -> None:
     """Fly a mission against mock vehicles and write its record.
 
@@ -139,6 +147,8 @@ def run(
     broker = read_broker(mqtt)
     if virtual and broker:
         raise SwarmError("--mqtt: there is no time for orders in --virtual; leave one of them out")
+    if virtual and show:
+        raise SwarmError("--show: nobody can watch a --virtual flight; leave one of them out")
     if virtual and wait:
         raise SwarmError("--wait: nobody can order `start` in --virtual; leave one of them out")
     if virtual and peers:
@@ -155,7 +165,9 @@ def run(
             if virtual:
                 facts = _fly_virtual(chosen, folder, faults, console, stop)
             else:
-                facts = _fly_udp(chosen, folder, faults, console, speed, key, broker, waits=wait)
+                facts = _fly_udp(
+                    chosen, folder, faults, console, speed, key, broker, waits=wait, is_shown=show
+                )
         except (SwarmError, KeyboardInterrupt):  # the mock would not, or may not, start
             discard(folder, is_ours=is_ours)
             raise
@@ -225,9 +237,10 @@ def _fly_udp(
     broker: Broker | None,
     *,
     waits: bool,
+    is_shown: bool,
 ) -> dict[str, Any]:
     flight = UdpRun(mission, folder, speed=speed, faults=faults, key=key)
-    flight.broker = broker
+    flight.broker, flight.is_shown = broker, is_shown
     if waits:
         flight.wait_for_start()
     with open_mesh(mission) as flight.mesh, ProgressView(mission, console) as view:

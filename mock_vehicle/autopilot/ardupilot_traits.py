@@ -120,7 +120,11 @@ TRAITS = Traits(
         position_s=41.5,
         ready_s=41.5,
     ),
-    intervals_s={"lean": (rates.ARDUPILOT_LEAN,), "full": (rates.ARDUPILOT_FULL,)},
+    intervals_s={
+        "lean": (rates.ARDUPILOT_LEAN,),
+        "shown": (rates.ARDUPILOT_LEAN,) * 3,
+        "full": (rates.ARDUPILOT_FULL,),
+    },
     sources_s={},
     fixed_streams=frozenset({clock.TIMESYNC.id}),
     denial=Result.FAILED,

@@ -145,6 +145,7 @@ TRAITS = Traits(
     ),
     intervals_s={
         "lean": (rates.PX4_LEAN,),
+        "shown": (rates.PX4_LEAN, rates.PX4_SHOWN, rates.PX4_DISPLAY),
         "full": (rates.PX4_COMPANION, rates.PX4_GROUND, rates.PX4_DISPLAY),
     },
     sources_s=rates.PX4_SOURCES_S,

@@ -94,6 +94,8 @@ PX4_DISPLAY = _intervals_s(
     # default_streams.sihsim_19410, likewise, without the motors' HIL_ACTUATOR_CONTROLS.
     {"HEARTBEAT": 1.0, "HIL_STATE_QUATERNION": 25.0, "MISSION_CURRENT": 1.0}
 )
+PX4_SHOWN = {number: max(interval_s, 0.25) for number, interval_s in PX4_GROUND.items()}
+"""The same for a swarm: 4 Hz is enough to look at."""
 PX4_SOURCES_S = _intervals_s({"GPS_RAW_INT": 8.0})
 """Sources that are slower than the steps: asking for more gives no more."""
 

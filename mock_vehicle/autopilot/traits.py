@@ -84,7 +84,7 @@ class Mode:
     can_enter: bool = True
 
 
-Rates = Literal["lean", "full"]
+Rates = Literal["lean", "shown", "full"]
 """Telemetry as a swarm needs it, 10 Hz at most, or as the real autopilots send it."""
 
 

@@ -39,6 +39,8 @@ class UdpRun(Fleet):
         self.mission = mission
         self.referee: dict[str, Any] | None = None
         """The referee's latest report, for the operator's eyes only."""
+        self.is_shown = False
+        """Whether ground stations and viewers on this computer see the fleet."""
         self._environment = dict(os.environ)
         if key is not None:  # the mock's command line, which anybody may read, does not show it
             self._environment[KEY_VARIABLE] = key.hex()
@@ -85,7 +87,7 @@ class UdpRun(Fleet):
             "--speed": self.clock.speed,
             "--seed": mission.seed,
             "--port": 0,
-            "--rates": "lean",
+            "--rates": "shown" if self.is_shown else "lean",
             "--out": self.folder.path / TRUTH,
         }
         words = [str(part) for option in options.items() for part in option]

@@ -7,6 +7,7 @@ import resource
 import signal
 import socket
 import time
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mock_vehicle.autopilot.parameters import DATA
 from mock_vehicle.fleet import Fleet
-from mock_vehicle.ports import hint, plan_further_ports, plan_ports
+from mock_vehicle.ports import hint, plan_further_ports, plan_ports, plan_shown_ports
 from mock_vehicle.server import Server
 from mock_vehicle.world.field import open_field
+from swarm_ctl import wire
 
 pytestmark = pytest.mark.wire
 
@@ -343,6 +345,45 @@ def test_a_viewer_is_shown_the_true_attitude_of_a_px4() -> None:
     kinds = [message.get_type() for message in shown]
     assert kinds.count("HIL_STATE_QUATERNION") == pytest.approx(50, abs=1)
     assert "ATTITUDE" not in kinds
+
+
+def test_a_swarm_that_is_shown_calls_a_ground_station_and_a_viewer_for_each() -> None:
+    ports = plan_shown_ports(3, host="127.0.0.1")
+    assert [port.remote and port.remote[1] for port in ports] == [
+        *(14550, 14550, 14550),
+        *(19410, 19411, 19412),
+    ]
+    assert {port.bind[1] for port in ports} == {0}, "from free ports: two runs are no clash"
+    fleet = Fleet(open_field(), ["px4", "ardupilot", "px4"], seed=1, rates="shown")
+    assert len(fleet.places) == 3 + len(ports)
+    assert fleet.places[3:] == [(i, link) for link in (1, 2) for i in range(3)]
+
+
+def test_a_shown_swarm_moves_in_viewers_and_tells_its_companions_no_more_than_others() -> None:
+    kinds = ["px4", "ardupilot"]
+    fleets = [Fleet(open_field(), kinds, seed=1, rates=rates) for rates in ("lean", "shown")]
+    codec = mavlink.MAVLink(None)
+    seen: dict[tuple[int, int], Counter[str]] = defaultdict(Counter)
+    companions: list[list[bytes]] = [[], []]
+    for step in range(1, 501):
+        for fleet, said in zip(fleets, companions, strict=True):
+            fleet.step(step * fleet.step_s)
+            said.extend(fleet.answers(0, 0))
+        for index, link in fleets[1].places[2:]:
+            if (index, link, step) == (1, 2, 200):  # as Hawkeye does when it hears of a vehicle
+                for wanted in ("ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT"):
+                    number = wire.message(wanted).id
+                    ask = codec.command_long_encode(2, 1, 511, 0, number, 20_000, 0, 0, 0, 0, 0)
+                    fleets[1].receive(1, ask.pack(codec), step * fleets[1].step_s, 2)
+            for data in fleets[1].answers(index, link):
+                seen[index, link].update(m.get_type() for m in codec.parse_buffer(data) or [])
+    assert companions[0] == companions[1]
+    assert seen[0, 2]["HIL_STATE_QUATERNION"] == pytest.approx(100, abs=2), "10 Hz"
+    assert seen[0, 2]["HEARTBEAT"] == pytest.approx(10, abs=1)
+    assert seen[0, 1]["GLOBAL_POSITION_INT"] == pytest.approx(40, abs=12)
+    assert seen[0, 1]["HEARTBEAT"] == seen[1, 1]["HEARTBEAT"] == pytest.approx(10, abs=1)
+    assert seen[1, 2]["ATTITUDE_QUATERNION"] == pytest.approx(60, abs=4), "from 4 s on"
+    assert seen[1, 2]["GLOBAL_POSITION_INT"] == pytest.approx(60, abs=4)
 
 
 def test_a_fleet_that_nobody_reads_does_not_grow() -> None:
