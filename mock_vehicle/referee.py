@@ -166,12 +166,21 @@ class Referee:
         coverage = self._world.spec.coverage
         return None if coverage.footprint == "sphere" else coverage.radius_m
 
+    def _volume(self) -> dict[str, float]:
+        """Tell how much air there is to see, and how far around itself a vehicle sees it."""
+        spec, grid = self._world.spec.coverage, self.coverage
+        if spec.footprint != "sphere":
+            return {}
+        volume_m3 = float(grid.free.sum()) * grid.cell_m**3
+        return {"searchable_m3": round(volume_m3, 3), "ball_radius_m": spec.radius_m}
+
     def truth(self) -> dict[str, Any]:
         """Collect all scalars and short lists, in JSON values."""
         return {
             **self.snapshot(),
             "world": self._world.name,
             "sight_radius_m": self._sight_radius_m(),
+            **self._volume(),
             "path_length_m": float(self.path_length_m.sum()),
             "path_lengths_m": self.path_length_m.tolist(),
             "energy_kwh": self.energy_kwh,

@@ -240,6 +240,16 @@ def test_the_bound_is_that_of_the_study() -> None:
     assert share == pytest.approx([10 * math.pi * 0.09 / 400.0, 0.502, 1.0], abs=1e-3)
 
 
+def test_the_bound_of_a_volume_is_that_of_the_study() -> None:
+    """76 s for 2400 m³ and ten vehicles that see 1 m around themselves at 1 m/s."""
+    mission = {"planner": {"dimensions": 3}, "flight": {"speed_m_s": 1.0}}
+    truth = Truth({"sight_radius_m": None, "ball_radius_m": 1.0, "searchable_m3": 2400.0})
+    began = [{"event": "Connected", "sysid": sysid} for sysid in range(1, 11)]
+    share = swept_share(Run(Path(), {"mission": mission}, {}, began, truth), np.array([38.0, 76.0]))
+    assert share is not None
+    assert share == pytest.approx([0.515, 1.0], abs=2e-3)
+
+
 # -- logs ------------------------------------------------------------------------------------------
 
 

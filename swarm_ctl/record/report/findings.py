@@ -14,6 +14,7 @@ from swarm_ctl.record.report.markup import Markup, join, table, tag
 from swarm_ctl.record.report.plot import Plot
 from swarm_ctl.record.sightings import Sighting, missed, sightings
 
+UNKNOWN = "unknown"
 SHARES = (0.5, 0.75, 0.9, 0.95, 0.99)
 
 
@@ -25,11 +26,10 @@ def victims_section(run: Run) -> Markup | None:
         return None
     news = run.contacts.news if run.contacts else []
     known = {one["victim"]: one["all_s"] for one in news}
-    heads = ["victim", "found at", "by vehicle", "north", "east", "height", "sure to", "off truth"]
-    heads += ["latitude, longitude"] if run.origin else []
-    heads += ["all knew after"] if len(run.sysids) > 1 else []
     rows = [_victim(run, one, known.get(one.number)) for one in found]
-    rows = [row[: len(heads)] for row in rows]
+    heads = [
+        head for head in (rows[0] if rows else {}) if any(row[head] != UNKNOWN for row in rows)
+    ]
     words = (
         "Places are what the vehicles that saw a victim reported, in metres from "
         f"{'the corner of the world' if run.truth.arrays else 'the origin of the launch frame'}. "
@@ -39,39 +39,46 @@ def victims_section(run: Run) -> Markup | None:
     if not run.starts_ned_m:
         words = "Places count from the start of the vehicle that found it, in metres."
     parts: list[str] = [tag("p", words)] if found else []
-    parts += [table(heads, rows)] if found else []
+    parts += [table(heads, [[row[head] for head in heads] for row in rows])] if found else []
     for name, place in lost:
         where = f"north {place.x:.1f} m, east {place.y:.1f} m"
         parts.append(tag("p", f"Not found: {name or 'a victim'} at {where}.", cls="bad"))
     return join(*parts)
 
 
-def _victim(run: Run, one: Sighting, all_s: float | None) -> list[str]:
+def _victim(run: Run, one: Sighting, all_s: float | None) -> dict[str, str]:
+    """Give what is told of a victim, by the head of its column; columns of nothing are left out."""
     place = one.ned_m or one.found.own_ned_m
-    cells = [
-        one.name or f"number {one.number}",
-        f"{one.found.time_s:.1f} s",
-        f"{one.found.sysid}",
-        f"{place.x:.2f}",
-        f"{place.y:.2f}",
-        f"{-place.z:.2f}",
-        _metres(one.uncertainty_m),
-        _metres(one.error_m),
-    ]
+    globe = UNKNOWN
     if run.origin and one.ned_m:
         at = ned_to_geodetic(one.ned_m, run.origin)
-        cells.append(f"{at.latitude_deg:.7f}, {at.longitude_deg:.7f}")
-    elif run.origin:
-        cells.append("unknown")
-    return [*cells, "never" if all_s is None else f"{all_s:.1f} s"]
+        globe = f"{at.latitude_deg:.7f}, {at.longitude_deg:.7f}"
+    return {
+        "victim": one.name or f"number {one.number}",
+        "found at": f"{one.found.time_s:.1f} s",
+        "by vehicle": f"{one.found.sysid}",
+        "north": f"{place.x:.2f}",
+        "east": f"{place.y:.2f}",
+        "height": f"{-place.z:.2f}",
+        "sure to": _metres(one.uncertainty_m),
+        "off truth": _metres(one.error_m),
+        "latitude, longitude": globe,
+        "all knew after": _all_knew(run, all_s),
+    }
+
+
+def _all_knew(run: Run, all_s: float | None) -> str:
+    if len(run.sysids) < 2:
+        return UNKNOWN
+    return "never" if all_s is None else f"{all_s:.1f} s"
 
 
 def _metres(value: float | None) -> str:
-    return "unknown" if value is None else f"{value:.2f} m"
+    return UNKNOWN if value is None else f"{value:.2f} m"
 
 
 def coverage_section(run: Run) -> Markup | None:
-    """Draw the explored share over time beside what discs on fresh ground could have swept."""
+    """Draw the explored share over time beside what could have been swept at best."""
     arrays = run.truth.arrays
     if not {"coverage_time_s", "coverage_fraction"} <= arrays.keys():
         return None
@@ -88,24 +95,31 @@ def coverage_section(run: Run) -> Markup | None:
         at = float(np.interp(one.found.time_s, times_s, share))
         words = f"{one.name or f'victim {one.number}'} found at {one.found.time_s:.0f} s"
         plot.mark(one.found.time_s, 100.0 * at, words, "found")
-    plot.key("a victim found", "found")
+    if run.events("VictimFound"):
+        plot.key("a victim found", "found")
     return join(plot.html(), *_reached(run, times_s, share, bound))
 
 
 def swept_share(run: Run, times_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Give the share that n discs of the sight's radius sweep that never cross old ground.
+    """Give the share that n vehicles sweep at full speed which never see a place twice.
 
-    n (pi r^2 + 2 r v t): no planner can be faster. Only for searches of the ground; None else.
+    n (pi r^2 + 2 r v t) of the ground, n (4/3 pi r^3 + pi r^2 v t) of the air: no planner can be
+    faster. None when nobody knows how much there is to see.
     """
-    arrays, mission = run.truth.arrays, run.mission
-    radius_m = run.truth.numbers.get("sight_radius_m")
-    if radius_m is None or "free" not in arrays or mission["planner"]["dimensions"] != 2:
+    numbers, arrays = run.truth.numbers, run.truth.arrays
+    since_s = _explored_from_s(run)
+    way_m = run.mission["flight"]["speed_m_s"] * np.maximum(times_s - since_s, 0.0)
+    radius_m, ball_m = numbers.get("sight_radius_m"), numbers.get("ball_radius_m")
+    if ball_m is not None:
+        whole = float(numbers["searchable_m3"])
+        each = math.pi * ball_m**2 * (4.0 / 3.0 * ball_m + way_m)
+    elif radius_m is not None and "free" in arrays:
+        whole = float(arrays["free"].sum()) * float(arrays["cell_m"]) ** 2
+        each = radius_m * (math.pi * radius_m + 2.0 * way_m)
+    else:
         return None
-    area_m2 = float(arrays["free"].sum()) * float(arrays["cell_m"]) ** 2
-    flown_s = np.maximum(times_s - _explored_from_s(run), 0.0)
-    each_m2 = math.pi * radius_m**2 + 2.0 * radius_m * mission["flight"]["speed_m_s"] * flown_s
-    swept: NDArray[np.float64] = np.minimum(1.0, len(run.sysids) * each_m2 / area_m2)
-    return np.where(times_s < _explored_from_s(run), 0.0, swept)
+    share = np.minimum(1.0, len(run.sysids) * each / whole)
+    return np.where(times_s < since_s, 0.0, share)
 
 
 def _reached(

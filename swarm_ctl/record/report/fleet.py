@@ -61,7 +61,8 @@ def contacts_section(run: Run) -> Markup | None:
 def _group_rows(graph: ContactGraph) -> np.ndarray[Any, Any]:
     """Paint (n, s, 4): in a group of how many each vehicle was."""
     n = len(graph.sysids)
-    sizes = (graph.groups[:, :, None] == graph.groups[:, None, :]).sum(axis=2).T
+    counts = [np.bincount(groups[groups >= 0], minlength=n) for groups in graph.groups]
+    sizes = np.take_along_axis(np.array(counts), np.maximum(graph.groups, 0), axis=1).T
     rgba = np.zeros((n, len(graph.times_s), 4), dtype=np.uint8)
     rgba[..., :3] = IN_GROUP
     rgba[..., 3] = (70 + 185 * sizes / n).astype(np.uint8)

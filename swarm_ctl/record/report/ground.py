@@ -55,7 +55,9 @@ def map_section(run: Run) -> Markup | None:
     if run.starts_ned_m:
         return _whole(run, tracks, hues)
     words = "Nobody knows where one start lies from another: each path counts from its own."
-    panels = [_own(run, track, hues[track.sysid]) for track in tracks]
+    reach_m = max(float(np.abs(track.ned_m[:, :2]).max()) for track in tracks) + MARGIN_M
+    frame = Frame(-reach_m, reach_m, -reach_m, reach_m)
+    panels = [_own(run, frame, track, hues[track.sysid]) for track in tracks]
     return join(tag("p", words), tag("div", *panels, cls="panels"))
 
 
@@ -116,9 +118,7 @@ def _keys(run: Run) -> Markup:
     )
 
 
-def _own(run: Run, track: Track, hue: str) -> Markup:
-    reach = float(np.abs(track.ned_m[:, :2]).max()) + MARGIN_M
-    frame = Frame(-reach, reach, -reach, reach)
+def _own(run: Run, frame: Frame, track: Track, hue: str) -> Markup:
     stars = [
         tag("b", "★", cls="mark found", style=frame.where(report.own_ned_m), title=_words(one))
         for one in sightings(run)

@@ -92,7 +92,7 @@ def _tiles(run: Run) -> list[Markup]:
 
 
 def _of(found: int | None, total: int | None) -> str | None:
-    if found is None:
+    if found is None or total == 0:
         return None
     return f"{found}" if total is None else f"{found} of {total}"
 
