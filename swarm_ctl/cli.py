@@ -13,7 +13,6 @@ import typer
 from rich.console import Console
 
 import swarm_ctl
-from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.cli_console import console
 from swarm_ctl.cli_doctor import doctor
 from swarm_ctl.cli_experiment import experiment, tune
@@ -37,8 +36,8 @@ from swarm_ctl.cli_options import (
     Wait,
     World,
     interrupts,
+    open_broker,
     open_mesh,
-    read_broker,
     read_key,
 )
 from swarm_ctl.cli_order import order
@@ -144,8 +143,7 @@ def run(
     )
     faults = Faults.parse(fault or [], chosen.vehicles)
     key = read_key(signing_key)
-    broker = read_broker(mqtt)
-    if virtual and broker:
+    if virtual and mqtt:
         raise SwarmError("--mqtt: there is no time for orders in --virtual; leave one of them out")
     if virtual and show:
         raise SwarmError("--show: nobody can watch a --virtual flight; leave one of them out")
@@ -166,7 +164,7 @@ def run(
                 facts = _fly_virtual(chosen, folder, faults, console, stop)
             else:
                 facts = _fly_udp(
-                    chosen, folder, faults, console, speed, key, broker, waits=wait, is_shown=show
+                    chosen, folder, faults, console, speed, key, mqtt, waits=wait, is_shown=show
                 )
         except (SwarmError, KeyboardInterrupt):  # the mock would not, or may not, start
             discard(folder, is_ours=is_ours)
@@ -234,16 +232,20 @@ def _fly_udp(
     console: Console,
     speed: float,
     key: bytes | None,
-    broker: Broker | None,
+    mqtt: str | None,
     *,
     waits: bool,
     is_shown: bool,
 ) -> dict[str, Any]:
     flight = UdpRun(mission, folder, speed=speed, faults=faults, key=key)
-    flight.broker, flight.is_shown = broker, is_shown
+    flight.is_shown = is_shown
     if waits:
         flight.wait_for_start()
-    with open_mesh(mission) as flight.mesh, ProgressView(mission, console) as view:
+    with (
+        open_broker(mqtt) as flight.broker,
+        open_mesh(mission) as flight.mesh,
+        ProgressView(mission, console) as view,
+    ):
 
         def show(flight: UdpRun) -> None:
             snapshots = [controller.agent.snapshot() for controller in flight.controllers]

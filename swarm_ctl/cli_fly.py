@@ -11,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.cli_options import (
     EXIT_CODES,
     Connect,
@@ -25,8 +24,8 @@ from swarm_ctl.cli_options import (
     SigningKey,
     Wait,
     interrupts,
+    open_broker,
     open_mesh,
-    read_broker,
     read_key,
 )
 from swarm_ctl.errors import SwarmError
@@ -109,7 +108,7 @@ def fly(
         open_air=open_air or None,
         is_simulated=False,
     )
-    key, broker = read_key(signing_key), read_broker(mqtt)
+    key = read_key(signing_key)
     if not sysid and len(connect) > 1:
         raise SwarmError("several --connect want --sysid: the first vehicle's, or each one's")
     pair_up(connect, sysid or [1])  # a mistake is told before a port is opened
@@ -124,7 +123,7 @@ def fly(
         out=out,
         is_new=new,
         key=key,
-        broker=broker,
+        mqtt=mqtt,
         waits=wait,
     )
     outcome = asyncio.run(flight)
@@ -142,11 +141,12 @@ async def _fly(
     out: Path | None,
     is_new: bool,
     key: bytes | None,
-    broker: Broker | None,
+    mqtt: str | None,
     waits: bool,
 ) -> str:
     """Fly from the first heartbeat to the last line of the record; give the outcome."""
     with contextlib.ExitStack() as opened:
+        broker = opened.enter_context(open_broker(mqtt))
         shared: dict[str, SharedLink] = {}
         for url in dict.fromkeys(urls):
             shared[url] = SharedLink(open_link(url))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from swarm_ctl.bus.embedded import embedded_broker, embedded_port
 from swarm_ctl.bus.mqtt import PASSWORD_VARIABLE, Broker
 from swarm_ctl.bus.peers import PeersOverMqtt
 from swarm_ctl.errors import SwarmError
@@ -71,12 +72,21 @@ SigningKey = Annotated[
 
 MQTT = typer.Option(
     "--mqtt",
-    help="Broker to tell of the vehicles, and for orders: mqtt://[USER@]HOST[:PORT], or mqtts:// "
-    f"for TLS; its password is in {PASSWORD_VARIABLE}.",
+    help="Broker that the vehicles hear: mqtt://[USER@]HOST[:PORT], or "
+    f"mqtts:// for TLS; its password is in {PASSWORD_VARIABLE}.",
     metavar="URL",
     show_default=False,
 )
-Mqtt = Annotated[str | None, MQTT]
+Mqtt = Annotated[
+    str | None,
+    typer.Option(
+        help="Broker to tell of the vehicles, and for orders: mqtt://[USER@]HOST[:PORT], or "
+        f"mqtts:// for TLS, with its password in {PASSWORD_VARIABLE}; or embedded[:PORT] for one "
+        "in this process, which serves this computer alone.",
+        metavar="URL",
+        show_default=False,
+    ),
+]
 Wait = Annotated[
     bool,
     typer.Option(
@@ -117,9 +127,19 @@ def read_key(file: Path | None) -> bytes | None:
         raise SwarmError(str(error)) from None
 
 
-def read_broker(url: str | None) -> Broker | None:
-    """Read where the broker is, if there is one; what is wrong with it is one sentence."""
-    return None if url is None else Broker.parse(url, os.environ)
+@contextmanager
+def open_broker(url: str | None) -> Iterator[Broker | None]:
+    """Say where the broker is, if there is one; an embedded one runs until the block ends.
+
+    What is wrong with it is one sentence.
+    """
+    if url is None:
+        yield None
+    elif (port := embedded_port(url)) is None:
+        yield Broker.parse(url, os.environ)
+    else:
+        with embedded_broker(port) as broker:
+            yield broker
 
 
 @contextmanager

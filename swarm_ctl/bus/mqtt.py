@@ -94,7 +94,8 @@ class Broker:
         except (ValueError, KeyError):
             host = ""
         if not host or parts.path not in {"", "/"} or parts.query or parts.fragment:
-            raise SwarmError(f"{option}: expected mqtt://[USER@]HOST[:PORT], or mqtts:// for TLS")
+            words = "expected mqtt://[USER@]HOST[:PORT], or mqtts:// for TLS"
+            raise SwarmError(f"{option}: {words}{', or embedded[:PORT]' * (option == '--mqtt')}")
         password = environment.get(PASSWORD_VARIABLE, parts.password and unquote(parts.password))
         user = parts.username and unquote(parts.username)
         tls = ssl.create_default_context() if parts.scheme == "mqtts" else None

@@ -102,24 +102,24 @@ class Log:
 
 
 @contextlib.asynccontextmanager
-async def subscriber(broker: Mosquitto, topic: str = "swarm/#") -> AsyncIterator[Log]:
+async def subscriber(port: int, topic: str = "swarm/#") -> AsyncIterator[Log]:
     log = Log()
 
     async def listen(client: aiomqtt.Client) -> None:
         async for message in client.messages:
             log.heard.append((str(message.topic), bytes(message.payload)))
 
-    async with aiomqtt.Client("127.0.0.1", broker.port) as client, asyncio.TaskGroup() as tasks:
+    async with aiomqtt.Client("127.0.0.1", port) as client, asyncio.TaskGroup() as tasks:
         listening = tasks.create_task(listen(client))
         await client.subscribe(topic, qos=1)
         yield log
         listening.cancel()
 
 
-async def late_log(broker: Mosquitto) -> Log:
+async def late_log(port: int) -> Log:
     """Subscribe when all is over; what the broker has kept comes before a marker does."""
-    async with subscriber(broker) as log:
-        async with aiomqtt.Client("127.0.0.1", broker.port) as client:
+    async with subscriber(port) as log:
+        async with aiomqtt.Client("127.0.0.1", port) as client:
             await client.publish("swarm/end", b"", qos=1)
         await until(lambda: ("swarm/end", b"") in log.heard)
     return log
@@ -138,12 +138,14 @@ async def test_a_subscriber_sees_where_vehicles_are_and_what_they_have_seen(
     broker: Mosquitto, tmp_path: Path
 ) -> None:
     crew = Crew(tmp_path, broker.url)
-    async with subscriber(broker) as log, crew.on_air():
+    async with subscriber(broker.port) as log, crew.on_air():
         for step in range(40):
             crew.fly_to(2, 0.1 * step)
             await asyncio.sleep(0.01)
         await until(lambda: log.status(1) == log.status(2) == "online")
         await until(lambda: any(one.position_ned_m[0] > 3.8 for one in log.told(State)))
+        crew.land()
+        await until(lambda: log.status(1) == log.status(2) == "done")
     assert {info.mission for info in log.told(Info)} == {"hall"}
     last = [state for state in log.told(State) if state.sysid == 2][-1]
     assert (last.phase, last.seen_m2 > 1.0) == ("done", True)
@@ -153,7 +155,6 @@ async def test_a_subscriber_sees_where_vehicles_are_and_what_they_have_seen(
     whole = log.told(Coverage)[-1]
     squares = sum(count for one in told if one for *_, count in one.rows)
     assert squares == sum(count for *_, count in whole.rows)
-    assert log.status(1) == log.status(2) == "done"
     assert crew.notes == []
 
 
@@ -164,7 +165,7 @@ async def test_a_latecomer_gets_every_event_once_and_the_last_of_all_else(
     async with crew.on_air():
         for number in range(30):
             crew.note(1 + number % 2, f"{number}")
-    log = await late_log(broker)
+    log = await late_log(broker.port)
     assert sorted(log.events()) == [(sysid, number) for sysid in (1, 2) for number in range(1, 16)]
     kinds = Counter(topic.split("/")[-1] for topic, _ in log.heard if "event" not in topic)
     assert (kinds["info"], kinds["status"], kinds["state"]) == (1, 2, 2)
@@ -182,7 +183,7 @@ async def test_what_an_earlier_run_left_is_forgotten(broker: Mosquitto, tmp_path
     again = Crew(tmp_path, broker.url, run="2026-11-22T10:00:00+00:00")
     async with again.on_air():
         again.note(1, "now")
-    log = await late_log(broker)
+    log = await late_log(broker.port)
     assert sorted(log.events()) == [(1, 1), (7, 1), (7, 2)], "another process's vehicle stays"
     assert {(one.sysid, one.run) for one in log.told(Coverage)} == {(7, RUN)}
     assert {one.run for one in log.told(State) if one.sysid < 3} == {"2026-11-22T10:00:00+00:00"}
@@ -201,7 +202,7 @@ async def test_what_a_restarted_controller_tells_is_added_to_what_was_told(
         )
         async with crew.on_air():
             crew.note(1, "here")
-    log = await late_log(broker)
+    log = await late_log(broker.port)
     assert sorted(log.events()) == [(1, 1), (1, 1_000_001)]
 
 
@@ -224,7 +225,7 @@ async def test_a_broker_that_died_and_forgot_is_told_all_again(
             broker.start()
     gc.collect()
     assert [record for record in caplog.records if record.name == "asyncio"] == []
-    log = await late_log(broker)
+    log = await late_log(broker.port)
     assert sorted(log.events()) == [(1, 1), (1, 2), (1, 3), (1, 4), (2, 1), (2, 2), (2, 3)]
     assert (log.status(1), log.status(2)) == ("done", "done")
     (whole,) = log.told(Coverage)
@@ -252,7 +253,7 @@ async def test_a_frozen_broker_holds_up_nobody_and_loses_nothing(
         broker.thaw()
     gc.collect()
     assert [record for record in caplog.records if record.name == "asyncio"] == []
-    log = await late_log(broker)
+    log = await late_log(broker.port)
     assert len(log.events()) == len(set(log.events())) == 100
 
 
@@ -290,7 +291,7 @@ async def test_two_missions_on_one_broker_do_not_meet(broker: Mosquitto, tmp_pat
         here.note(1, "in the hall")
         there.note(1, "in the attic")
         there.note(1, "still")
-    log = await late_log(broker)
+    log = await late_log(broker.port)
     topics = sorted(topic for topic, _ in log.heard if "event" in topic)
     assert topics == [
         "swarm/attic/1/event/1",
@@ -332,7 +333,7 @@ async def test_every_event_of_a_mission_arrives_once_though_its_broker_was_kille
         broker.start()
     code, _, complaints = await asyncio.to_thread(session.end)
     assert (code, session.phases()) == (0, ["done"] * 3)
-    log = await late_log(broker)
+    log = await late_log(broker.port)
     found = [(event.sysid, event.name) for event in log.told(Event)]
     assert Counter(found) == expected_events(session)
     assert len(log.events()) == len(set(log.events()))
@@ -359,7 +360,7 @@ async def test_the_last_will_of_a_killed_controller_says_offline(
     broker: Mosquitto,
 ) -> None:
     session = swarm_ctl_run(hall(), "--speed", 5, "--duration", 1500, "--mqtt", broker.url)
-    async with subscriber(broker) as log:
+    async with subscriber(broker.port) as log:
         await asyncio.to_thread(session.wait_for, "exploring")
         await until(lambda: log.status(1) == log.status(2) == "online")
         session.process.kill()
@@ -376,3 +377,40 @@ def test_a_run_flies_on_beside_a_broker_that_says_nothing(
     assert complaints.count("\n") == 1
     notes = json.dumps(session.summary()["notes"])
     assert "events were never taken" in notes
+
+
+# -- a broker in the process itself --------------------------------------------------------------
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return int(probe.getsockname()[1])
+
+
+async def test_a_run_may_be_its_own_broker(
+    hall: Callable[..., Path], swarm_ctl_run: Callable[..., Session]
+) -> None:
+    port = free_port()
+    session = swarm_ctl_run(hall(), "--speed", 5, "--duration", 1500, "--mqtt", f"embedded:{port}")
+    await asyncio.to_thread(session.wait_for, "exploring", sysid=2)
+    log = await late_log(port)
+    assert {event.name for event in log.told(Event)} == {"PhaseChanged"}
+    assert (log.status(1), log.status(2)) == ("online", "online")
+    assert log.told(Info)[0].mission == "hall"
+    async with aiomqtt.Client("127.0.0.1", port) as client:
+        await client.publish("swarm/hall/order", "land", qos=1)
+    code, _, complaints = await asyncio.to_thread(session.end)
+    assert (code, complaints, session.phases()) == (0, "", ["done", "done"])
+
+
+def test_a_port_in_use_is_told_before_anything_flies(
+    hall: Callable[..., Path], swarm_ctl_run: Callable[..., Session], broker: Mosquitto
+) -> None:
+    session = swarm_ctl_run(hall(), "--mqtt", f"embedded:{broker.port}")
+    code, _, complaints = session.end()
+    assert code == 2
+    assert complaints == (
+        f"--mqtt embedded: port {broker.port} cannot be had: it is in use; name another one, as "
+        "embedded:18830\n"
+    )
+    assert not session.out.exists()
