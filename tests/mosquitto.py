@@ -64,9 +64,12 @@ class Mosquitto:
             self._process.wait(PATIENCE_S)
 
 
-def with_password(folder: Path, user: str, password: str) -> tuple[str, ...]:
-    """Give the settings of a broker that only this user may enter."""
+def with_password(folder: Path, user: str, password: str, *others: str) -> tuple[str, ...]:
+    """Give the settings of a broker that only this user may enter, and others with a password."""
     assert PASSWORDS is not None
     file = folder / "passwords"
-    subprocess.run([PASSWORDS, "-b", "-c", file, user, password], check=True, capture_output=True)
+    file.touch()
+    for name in (user, *others):
+        add = [PASSWORDS, "-b", file, name, password]
+        subprocess.run(add, check=True, capture_output=True)
     return ("allow_anonymous false", f"password_file {file}")

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import gc
 import json
+import re
 import socket
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -23,17 +24,19 @@ from swarm_ctl.agent.phases import Phase
 from swarm_ctl.bus import mqtt, publisher, voice
 from swarm_ctl.bus.messages import Coverage, Event, Info, State, Status, Told, read
 from swarm_ctl.bus.mqtt import Broker
+from swarm_ctl.bus.orders import OrderDesk, Outcome
 from swarm_ctl.bus.publisher import Publisher
 from swarm_ctl.flight import orders_of
 from swarm_ctl.mission import load_mission
 from swarm_ctl.model import Event as Fact
-from swarm_ctl.model import Vec3
+from swarm_ctl.model import Operator, Vec3
 
 pytestmark = [
     pytest.mark.wire,
     pytest.mark.skipif(PROGRAM is None or PASSWORDS is None, reason="mosquitto is not installed"),
 ]
 
+PAGE = (Path(__file__).parents[2] / "docs" / "bus.md").read_text()
 PATIENCE_S = 30.0
 RUN = "2026-11-22T09:00:00+00:00"
 
@@ -102,26 +105,27 @@ class Log:
 
 
 @contextlib.asynccontextmanager
-async def subscriber(port: int, topic: str = "swarm/#") -> AsyncIterator[Log]:
+async def subscriber(port: int, **who: str) -> AsyncIterator[Log]:
     log = Log()
 
     async def listen(client: aiomqtt.Client) -> None:
         async for message in client.messages:
             log.heard.append((str(message.topic), bytes(message.payload)))
 
-    async with aiomqtt.Client("127.0.0.1", port) as client, asyncio.TaskGroup() as tasks:
+    async with aiomqtt.Client("127.0.0.1", port, **who) as client, asyncio.TaskGroup() as tasks:
         listening = tasks.create_task(listen(client))
-        await client.subscribe(topic, qos=1)
+        await client.subscribe("swarm/#", qos=1)
         yield log
         listening.cancel()
 
 
-async def late_log(port: int) -> Log:
-    """Subscribe when all is over; what the broker has kept comes before a marker does."""
-    async with subscriber(port) as log:
-        async with aiomqtt.Client("127.0.0.1", port) as client:
-            await client.publish("swarm/end", b"", qos=1)
-        await until(lambda: ("swarm/end", b"") in log.heard)
+async def late_log(port: int, **who: str) -> Log:
+    """Subscribe when all is over, and wait until nothing more comes that the broker has kept."""
+    async with subscriber(port, **who) as log:
+        count = -1
+        while count < len(log.heard):
+            count = len(log.heard)
+            await asyncio.sleep(0.3)
     return log
 
 
@@ -280,6 +284,45 @@ async def test_a_broker_that_lets_nobody_in_without_a_password_is_told_with_it(
             assert (crew.notes == []) == is_in
     finally:
         broker.kill()
+
+
+async def test_the_rules_of_the_page_let_vehicles_tell_and_operators_order(
+    tmp_path: Path,
+) -> None:
+    (rules,) = re.findall(r"```\n(user vehicle\n.*?)```", PAGE, re.DOTALL)
+    (tmp_path / "rules").write_text(rules)
+    names = with_password(tmp_path, "vehicle", "pass", "operator", "viewer")
+    broker = Mosquitto(tmp_path, *names, f"acl_file {tmp_path / 'rules'}")
+    broker.start()
+    heard: list[tuple[int, Operator]] = []
+
+    def obey(sysid: int, operator: Operator | None) -> Outcome:
+        heard.extend([(sysid, operator)] if operator else [])
+        return Outcome(True, "exploring", 1.0)
+
+    url = broker.url.replace("//", "//vehicle:pass@")
+    crew, desk = Crew(tmp_path, url), OrderDesk(Broker.parse(url, {}), "hall", [1, 2], obey)
+    try:
+        async with asyncio.TaskGroup() as tasks, crew.on_air():
+            serving = tasks.create_task(desk.run())
+            await until(lambda: desk.sessions > 0)
+            crew.note(1, "here")
+            for user in ("vehicle", "viewer", "operator"):
+                who = {"username": user, "password": "pass"}
+                async with aiomqtt.Client("127.0.0.1", broker.port, **who) as client:
+                    await client.publish("swarm/hall/1/order", "land", qos=1)
+                    await client.publish("swarm/hall/2/event/9", "a lie", qos=1, retain=True)
+                    await client.publish("swarm/hall/order", "return", qos=1)
+            await until(lambda: len(heard) >= 3)
+            serving.cancel()
+        log = await late_log(broker.port, username="viewer", password="pass")  # noqa: S106
+    finally:
+        broker.kill()
+    assert heard == [(1, Operator.LAND), (1, Operator.RETURN), (2, Operator.RETURN)]
+    assert log.events() == [(1, 1)]
+    assert {topic for topic, payload in log.heard if payload == b"a lie"} <= {
+        "swarm/hall/2/event/9"
+    }
 
 
 async def test_two_missions_on_one_broker_do_not_meet(broker: Mosquitto, tmp_path: Path) -> None:
