@@ -70,6 +70,6 @@ def with_password(folder: Path, user: str, password: str, *others: str) -> tuple
     file = folder / "passwords"
     file.touch()
     for name in (user, *others):
-        add = [PASSWORDS, "-b", file, name, password]
+        add = [PASSWORDS, "-b", str(file), name, password]
         subprocess.run(add, check=True, capture_output=True)
     return ("allow_anonymous false", f"password_file {file}")
