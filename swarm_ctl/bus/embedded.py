@@ -39,17 +39,12 @@ def embedded_broker(port: int) -> Iterator[Broker]:
     It has a thread of its own, so that no tick waits for a subscriber, and forgets all at the end.
     SwarmError when it cannot be had.
     """
-    try:
-        from amqtt.broker import Broker as Amqtt  # noqa: PLC0415 - an extra
-    except ModuleNotFoundError as error:
-        reason = f"needs {error.name}, which is missing: pip install 'swarm-ctl[broker]'"
-        raise SwarmError(f"--mqtt embedded: {reason}") from None
-    ready: Future[Stop] = Future()
+    amqtt, ready = _amqtt(), Future[Stop]()
     listener = {"type": "tcp", "bind": f"{HOST}:{port}"}
     settings = {"listeners": {"default": listener}, "plugins": _ANYBODY}
 
     def serve() -> None:
-        asyncio.run(_serve(lambda: Amqtt(settings), ready))
+        asyncio.run(_serve(lambda: amqtt(settings), ready))
 
     thread = threading.Thread(target=serve, name="embedded broker", daemon=True)
     thread.start()
@@ -66,6 +61,43 @@ def embedded_broker(port: int) -> Iterator[Broker]:
     finally:
         loop.call_soon_threadsafe(stop.set)
         thread.join(STOP_S)
+
+
+class _Subscriptions(dict[str, Any]):
+    """Those that were there when somebody began to go through them."""
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([*super().keys()])
+
+    def items(self) -> Any:
+        return [*super().items()]
+
+
+def _amqtt() -> Callable[[Any], Any]:
+    """Give the broker of amqtt 0.12, mended.
+
+    It goes through its subscriptions while others change them, which ends connections, and gives
+    whoever connects what it has kept for all subscribers there are.
+    """
+    try:
+        from amqtt.broker import Broker as Amqtt  # noqa: PLC0415 - an extra
+    except ModuleNotFoundError as error:
+        reason = f"needs {error.name}, which is missing: pip install 'swarm-ctl[broker]'"
+        raise SwarmError(f"--mqtt embedded: {reason}") from None
+
+    class Mended(Amqtt):
+        def __init__(self, settings: Any) -> None:
+            super().__init__(settings)
+            self._subscriptions = _Subscriptions()
+
+        async def _publish_retained_messages_for_subscription(
+            self, subscription: tuple[str, int], session: Any
+        ) -> None:
+            subscribers = self._subscriptions.get(subscription[0], ())
+            if any(one is session for one, _ in subscribers):
+                await super()._publish_retained_messages_for_subscription(subscription, session)
+
+    return Mended
 
 
 async def _serve(make: Callable[[], Any], ready: Future[Stop]) -> None:

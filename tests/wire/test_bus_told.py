@@ -432,16 +432,20 @@ async def test_a_run_may_be_its_own_broker(
     hall: Callable[..., Path], swarm_ctl_run: Callable[..., Session]
 ) -> None:
     port = free_port()
-    session = swarm_ctl_run(hall(), "--speed", 5, "--duration", 1500, "--mqtt", f"embedded:{port}")
-    await asyncio.to_thread(session.wait_for, "exploring", sysid=2)
+    session = swarm_ctl_run(
+        hall(vehicles=6), "--speed", 5, "--duration", 1500, "--mqtt", f"embedded:{port}"
+    )
+    for sysid in range(1, 7):
+        await asyncio.to_thread(session.wait_for, "exploring", sysid=sysid)
     log = await late_log(port)
     assert {event.name for event in log.told(Event)} == {"PhaseChanged"}
-    assert (log.status(1), log.status(2)) == ("online", "online")
+    assert len(log.events()) == len(set(log.events())) >= 24
+    assert {log.status(sysid) for sysid in range(1, 7)} == {"online"}
     assert log.told(Info)[0].mission == "hall"
     async with aiomqtt.Client("127.0.0.1", port) as client:
         await client.publish("swarm/hall/order", "land", qos=1)
     code, _, complaints = await asyncio.to_thread(session.end)
-    assert (code, complaints, session.phases()) == (0, "", ["done", "done"])
+    assert (code, complaints, session.phases()) == (0, "", ["done"] * 6)
 
 
 def test_a_port_in_use_is_told_before_anything_flies(
