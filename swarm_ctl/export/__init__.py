@@ -13,7 +13,7 @@ from swarm_ctl.export.globe import parse_origin
 from swarm_ctl.export.kml import write_kml
 from swarm_ctl.export.plan import write_plan
 from swarm_ctl.export.tables import write_tables
-from swarm_ctl.record.reader import Run
+from swarm_ctl.record.reader import Run, telling_what_is_damaged
 
 WRITERS: dict[str, Callable[[Run, Path], None]] = {
     "mcap": write_mcap,
@@ -42,11 +42,16 @@ def export_run(
         raise SwarmError(f"--format {kind}: expected one of {', '.join(WRITERS)}")
     if sysid is not None and kind != "plan":
         raise SwarmError(f"--vehicle: only a plan is of one vehicle, not {kind}; leave it out")
-    run = Run.read(path)
-    if origin is not None:
-        run = dataclasses.replace(run, given_origin=parse_origin(origin))
-    name = "csv" if kind == "csv" else f"{run.name}.{kind}"
-    out = out or path / name
+    with telling_what_is_damaged(path):
+        run = Run.read(path)
+        if origin is not None:
+            run = dataclasses.replace(run, given_origin=parse_origin(origin))
+        out = out or path / ("csv" if kind == "csv" else f"{run.name}.{kind}")
+        _write(run, kind, out, sysid)
+    return out
+
+
+def _write(run: Run, kind: str, out: Path, sysid: int | None) -> None:
     try:
         if kind == "plan":
             write_plan(run, out, sysid)
@@ -54,4 +59,3 @@ def export_run(
             WRITERS[kind](run, out)
     except OSError as error:
         raise SwarmError(f"{out}: cannot be written: {error.strerror or error}") from None
-    return out

@@ -51,8 +51,8 @@ def _styles(document: ET.Element, sysids: Sequence[int]) -> None:
         _add(line, "width", "2")
     for name, colour in (("searched", "60c87825"), ("not_searched", "901e96ea")):  # aabbggrr
         style = _add(document, "Style", id=name)
-        _add(_add(style, "PolyStyle"), "color", colour)
         _add(_add(style, "LineStyle"), "width", "0")
+        _add(_add(style, "PolyStyle"), "color", colour)
 
 
 def _victim(folder: ET.Element, run: Run, one: Sighting, at: list[float]) -> None:

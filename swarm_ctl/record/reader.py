@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
@@ -24,6 +25,16 @@ from swarm_ctl.record.tlog import EPOCH_S, find_frames
 from swarm_ctl.record.truth import Truth, read_truth
 
 FLOATS = NDArray[np.float64]
+
+
+@contextlib.contextmanager
+def telling_what_is_damaged(path: Path) -> Iterator[None]:
+    """Turn what a damaged record leads to, whatever is asked of it, into one SwarmError."""
+    try:
+        yield
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
+        said = f"{type(error).__name__}: {error}"
+        raise SwarmError(f"{path}: its record is damaged or of another version ({said})") from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import contextlib
 import os
 import re
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,25 @@ def _whole_bytes(path: Path) -> int:
         is_v2 = magic == 0xFD
         after = at + STAMP_BYTES + length + (12 + 13 * (flags & 1) if is_v2 else 8)
     return at
+
+
+def count_frames(path: Path) -> Counter[tuple[int, int, int]]:
+    """Count the frames of a log by sysid, compid and message id; MAVLink 1 counts, too."""
+    counts: Counter[tuple[int, int, int]] = Counter()
+    data = path.read_bytes() if path.exists() else b""
+    at = STAMP_BYTES
+    while at + 10 <= len(data):
+        magic, length, flags = data[at : at + 3]
+        if magic == 0xFD:
+            number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+            counts[data[at + 5], data[at + 6], number] += 1
+            at += length + 12 + 13 * (flags & 1) + STAMP_BYTES
+        elif magic == 0xFE:
+            counts[data[at + 3], data[at + 4], data[at + 5]] += 1
+            at += length + 8 + STAMP_BYTES
+        else:
+            break
+    return counts
 
 
 def find_frames(path: Path, name: str, sysid: int) -> Iterator[tuple[float, Any]]:

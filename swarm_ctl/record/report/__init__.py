@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from swarm_ctl.errors import SwarmError
-from swarm_ctl.record.reader import Run
+from swarm_ctl.record.reader import Run, telling_what_is_damaged
 from swarm_ctl.record.report.page import page
 
 REPORT = "report.html"
@@ -16,9 +16,10 @@ REPORT = "report.html"
 def write_report(path: Path, summary: Mapping[str, Any] | None = None) -> Path:
     """Write `report.html` of a run folder in one go; give where it lies.
 
-    Raises SwarmError when the folder is none of a run.
+    Raises SwarmError when the folder is none of a run, or damaged.
     """
-    text = page(Run.read(path, summary))
+    with telling_what_is_damaged(path):
+        text = page(Run.read(path, summary))
     draft = path / "report.tmp"
     draft.write_text(text, encoding="utf-8")
     return draft.replace(path / REPORT)

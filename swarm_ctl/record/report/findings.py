@@ -50,7 +50,7 @@ def _victim(run: Run, one: Sighting, all_s: float | None) -> dict[str, str]:
     """Give what is told of a victim, by the head of its column; columns of nothing are left out."""
     place = one.ned_m or one.found.own_ned_m
     globe = UNKNOWN
-    if run.origin and one.ned_m:
+    if run.is_real and run.origin and one.ned_m:  # a mock's world lies on a meadow by default
         at = ned_to_geodetic(one.ned_m, run.origin)
         globe = f"{at.latitude_deg:.7f}, {at.longitude_deg:.7f}"
     return {

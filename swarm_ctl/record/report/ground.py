@@ -109,11 +109,12 @@ def _keys(run: Run) -> Markup:
     """Say what the colours of the ground mean."""
     is_volume = run.mission["planner"]["dimensions"] == 3
     seen = "searched; darker: more of its air" if is_volume else "searched; darker: earlier"
+    keys = [("sq group", "", seen), ("sq missing", "", "never seen")]
+    if run.truth.world.get("victims"):
+        keys.append(("mark found", "★", "victim, where the swarm says it lies"))
     return tag(
         "div",
-        tag("span", tag("b", cls="sq group"), seen),
-        tag("span", tag("b", cls="sq missing"), "never seen"),
-        tag("span", tag("b", "★", cls="mark found"), "victim, where the swarm says it lies"),
+        *(tag("span", tag("b", sign, cls=cls), words) for cls, sign, words in keys),
         cls="keys",
     )
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from swarm_ctl import wire
 from swarm_ctl.record.reader import Run
 from swarm_ctl.record.report.markup import Markup, join, table, tag
+from swarm_ctl.record.tlog import count_frames
 
 ROUTINE = frozenset(
     {
@@ -21,6 +24,8 @@ ROUTINE = frozenset(
 CALM = frozenset({"connecting", "ready", "arming", "takeoff", "exploring", "landing", "done"})
 """Phases of every good flight; to avoid what is in the way is `avoiding`, too often to be told."""
 MOST_LISTED = 300
+COMPONENTS = {1: "autopilot", 68: "radio", 191: "companion"}
+"""MAV_COMPONENT, of those that a controller hears."""
 
 
 def safety_section(run: Run) -> Markup:
@@ -108,7 +113,46 @@ def wire_section(run: Run) -> Markup | None:
     if results:
         heads = ["vehicle", "autopilot", "sent", "received", "lost", "lost share"]
         parts.append(table(heads, [_wire(one) for one in results]))
+    parts += _kinds(run)
     return join(*parts) if parts else None
+
+
+def _kinds(run: Run) -> list[str]:
+    """Count by kind what went over the first vehicle's link: all links carry the same kinds."""
+    if not run.sysids:
+        return []
+    sysid, until_s = run.sysids[0], run.summary.get("duration_s") or 0.0
+    counts = count_frames(run.tlog(sysid))
+    if not counts or not until_s:
+        return []
+    rows = [
+        [
+            _name(number),
+            "own" if source == sysid else "peers'",
+            COMPONENTS.get(compid, f"component {compid}"),
+            f"{count:,}",
+            f"{count / until_s:.1f}",
+        ]
+        for (source, compid, number), count in _of_peers_together(counts, sysid).most_common()
+    ]
+    heads = ["message", "vehicle", "from", "frames", "a second"]
+    words = f"what went over the link of vehicle {sysid}, by kind"
+    return [tag("details", tag("summary", words), table(heads, rows))]
+
+
+def _name(number: int) -> str:
+    with contextlib.suppress(ValueError):
+        return wire.message(number).name
+    return f"number {number}"
+
+
+def _of_peers_together(
+    counts: Counter[tuple[int, int, int]], sysid: int
+) -> Counter[tuple[int, int, int]]:
+    together: Counter[tuple[int, int, int]] = Counter()
+    for (source, compid, number), count in counts.items():
+        together[source if source == sysid else 0, compid, number] += count
+    return together
 
 
 def _wire(one: Mapping[str, Any]) -> list[str]:
