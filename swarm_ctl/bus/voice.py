@@ -5,20 +5,18 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import Sequence
-from typing import Any
 
 import aiomqtt
 
 from swarm_ctl import model
 from swarm_ctl.agent.agent import Agent
-from swarm_ctl.agent.phases import BEFORE_START, EXPLORES, STEERING
+from swarm_ctl.agent.phases import STEERING
 from swarm_ctl.bus.ground import SeenGround
 from swarm_ctl.bus.journal import EventJournal
-from swarm_ctl.bus.messages import ANY, Coverage, Info, State, Status, event_topic, topic
+from swarm_ctl.bus.messages import ANY, Coverage, Info, Status, event_topic, topic
 from swarm_ctl.bus.mqtt import TIMEOUT_S
 from swarm_ctl.bus.news import news
-from swarm_ctl.frames import Geodetic
+from swarm_ctl.bus.state import state_of
 from swarm_ctl.model import Vec3
 
 STATE_S = 0.5
@@ -27,7 +25,7 @@ GROUND_S = 1.0
 ALL_GROUND_S = 10.0
 """Between two tellings of all ground seen, for latecomers."""
 RESTART_IDS = 1_000_000
-"""Ids of events that one controller may use up before its successor's begin."""
+"""Numbers that one controller may use up before its successor's begin."""
 
 
 class Voice:
@@ -44,9 +42,10 @@ class Voice:
         self._agent = agent
         self._origin = origin
         self._mission, self._run = info.mission, info.run
-        self._ids = restarts * RESTART_IDS
+        self._ids = self._deltas = restarts * RESTART_IDS
         self._ground = SeenGround(agent.orders.planner)
-        self._deltas = 0
+        for place in agent.trail.marks:  # of an earlier process
+            self._ground.fly_to(place)
         self._untold: Coverage | None = None
         """A delta that was sent and perhaps not taken."""
         self._is_first = True
@@ -94,7 +93,7 @@ class Voice:
         loop = asyncio.get_running_loop()
         due_s = loop.time()
         while not self._agent.is_ended:
-            await self._tell(client, "state", self._state().dump(), qos=0)
+            await self._tell(client, "state", self._state(), qos=0)
             due_s = max(due_s + STATE_S, loop.time())
             await asyncio.sleep(due_s - loop.time())
 
@@ -131,7 +130,7 @@ class Voice:
             self._untold = None
 
     async def _tell_all_ground(self, client: aiomqtt.Client) -> None:
-        if self._deltas:
+        if self._ground.cells:
             whole = self._coverage(self._ground.told())
             await self._tell(client, "coverage/all", whole.dump())
 
@@ -139,7 +138,7 @@ class Voice:
         await self._tell_due_events(client)
         await self._tell_new_ground(client)
         await self._tell_all_ground(client)
-        await self._tell(client, "state", self._state().dump())
+        await self._tell(client, "state", self._state())
         await self._tell_status(client)
         self.is_silent.set()
 
@@ -192,6 +191,10 @@ class Voice:
 
     # -- what is told --------------------------------------------------------------------------
 
+    def _state(self) -> bytes:
+        seen_m2 = self._ground.cells * self._ground.cell_m**2
+        return state_of(self._agent, self._run, origin=self._origin, seen_m2=seen_m2).dump()
+
     def _status(self, status: str) -> bytes:
         return Status(self._run, self._agent.sysid, status).dump()
 
@@ -199,35 +202,3 @@ class Voice:
         agent, cell_m = self._agent, self._ground.cell_m
         time_s = round(agent.now, 3)
         return Coverage(self._run, agent.sysid, self._deltas, time_s, cell_m, rows)
-
-    def _state(self) -> State:
-        agent, telemetry = self._agent, self._agent.telemetry
-        start = agent.frame.start(telemetry)
-        origin = self._origin or (start if isinstance(start, Vec3) else None)
-        target = agent.target_ned_m if agent.phase in EXPLORES else None
-        return State(
-            run=self._run,
-            sysid=agent.sysid,
-            time_s=round(agent.now, 3),
-            phase=agent.phase.value,
-            words=agent.reason,
-            is_paused=agent.is_paused,
-            is_waiting=agent.awaits_start and agent.phase in BEFORE_START,
-            position_ned_m=_rounded(telemetry.position_ned_m),
-            velocity_ned_m_s=_rounded(telemetry.velocity_ned_m_s),
-            yaw_rad=round(telemetry.yaw_rad, 3),
-            target_ned_m=target and _rounded(target),
-            origin_ned_m=origin and _rounded(origin),
-            origin_geodetic=[*start] if isinstance(start, Geodetic) else None,
-            battery=telemetry.battery_fraction,
-            link_age_s=_rounded([agent.now - telemetry.heard_s])[0],
-            neighbours=list(agent.peers.heard(agent.now)),
-            ranges_m=_rounded(telemetry.ranges_m),
-            victims=sorted(agent.victims.seen),
-            seen_m2=round(self._ground.cells * self._ground.cell_m**2, 2),
-            autopilot=telemetry.autopilot.name if telemetry.autopilot else "",
-        )
-
-
-def _rounded(values: Sequence[float]) -> list[Any]:
-    return [round(value, 3) for value in values]

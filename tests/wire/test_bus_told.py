@@ -198,6 +198,8 @@ async def test_what_a_restarted_controller_tells_is_added_to_what_was_told(
 ) -> None:
     for restarts in (0, 1):
         crew = Crew(tmp_path, broker.url)
+        for north_m in range(6):
+            crew.agents[1].trail.mark(Vec3(0.5 * north_m, 0.0, -1.5))
         crew.publisher = Publisher(
             Broker.parse(broker.url, {}),
             Info(RUN, "hall", "fly", [1, 2], "lf-pso", 2, 40.0, 1, None, None),
@@ -208,6 +210,9 @@ async def test_what_a_restarted_controller_tells_is_added_to_what_was_told(
             crew.note(1, "here")
     log = await late_log(broker.port)
     assert sorted(log.events()) == [(1, 1), (1, 1_000_001)]
+    (whole,) = log.told(Coverage)
+    assert whole.number == 1_000_001
+    assert max(row[0] for row in whole.rows) > 10, "what was seen before the restart is in it"
 
 
 # -- brokers that are not as they should be ------------------------------------------------------
