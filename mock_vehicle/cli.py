@@ -95,7 +95,10 @@ def run(
 
 
 def _give_up(error: Exception) -> NoReturn:
-    typer.echo(f"mock-vehicle: {error}", err=True)
+    words = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        words = ": ".join(filter(None, (str(error.filename or ""), error.strerror)))
+    typer.echo(f"mock-vehicle: {words}", err=True)
     raise typer.Exit(2) from None
 
 

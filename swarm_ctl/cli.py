@@ -17,6 +17,7 @@ from swarm_ctl.cli_console import console
 from swarm_ctl.cli_doctor import doctor
 from swarm_ctl.cli_experiment import experiment, tune
 from swarm_ctl.cli_fly import fly
+from swarm_ctl.cli_mistakes import UsageError, in_a_sentence
 from swarm_ctl.cli_options import (
     BAD_INPUT,
     EXIT_CODES,
@@ -43,7 +44,7 @@ from swarm_ctl.cli_options import (
 from swarm_ctl.cli_order import order
 from swarm_ctl.cli_record import export, report
 from swarm_ctl.cli_soak import soak
-from swarm_ctl.errors import MockError, SwarmError
+from swarm_ctl.errors import MockError, SwarmError, plain
 from swarm_ctl.flight import Faults, discard, finish
 from swarm_ctl.mission import Mission, load_mission, mission_schema
 from swarm_ctl.progress import ProgressView
@@ -53,6 +54,7 @@ from swarm_ctl.run.mock import UdpRun
 
 if TYPE_CHECKING:
     from swarm_ctl.experiment.arena import Arena
+    from swarm_ctl.experiment.check import WorldFacts
 
 REFRESH_S = 0.25
 
@@ -69,10 +71,21 @@ def main() -> None:
     """Run the command line; every foreseen mistake is one sentence and exit 2."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
-        app()
-    except (SwarmError, OSError) as error:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(str(error), markup=False)
-        sys.exit(BAD_INPUT if isinstance(error, SwarmError) else NOT_FLOWN)
+        sys.exit(app(standalone_mode=False))
+    except UsageError as error:
+        if str(error):  # else nothing was typed, and the help is shown
+            _complain(in_a_sentence(error))
+        sys.exit(BAD_INPUT)
+    except SwarmError as error:
+        _complain(str(error))
+        sys.exit(BAD_INPUT)
+    except OSError as error:
+        _complain(": ".join(filter(None, (str(error.filename or ""), plain(error)))))
+        sys.exit(NOT_FLOWN)
+
+
+def _complain(sentence: str) -> None:
+    Console(stderr=True, highlight=False, soft_wrap=True).print(sentence, markup=False)
 
 
 def _version(wanted: bool) -> None:
@@ -141,6 +154,7 @@ def run(
         seed=seed,
         duration_s=duration,
     )
+    _world_of(chosen)
     faults = Faults.parse(fault or [], chosen.vehicles)
     key = read_key(signing_key)
     if virtual and mqtt:
@@ -194,9 +208,7 @@ def check(
         autopilot=autopilot,
         duration_s=duration,
     )
-    from swarm_ctl.experiment.check import check_world  # noqa: PLC0415 - needs the mock's world
-
-    facts = check_world(chosen)
+    facts = _world_of(chosen)
     victims = f"{facts.victims} victim{'' if facts.victims == 1 else 's'}"
     vehicles_explore = (
         "1 vehicle explores" if chosen.vehicles == 1 else f"{chosen.vehicles} vehicles explore"
@@ -206,6 +218,13 @@ def check(
         f"({facts.size}) for {chosen.duration_s:g} s with {chosen.planner.kind} "
         f"in {chosen.planner.dimensions} dimensions; {victims} to find"
     )
+
+
+def _world_of(mission: Mission) -> WorldFacts:
+    """Look whether the mission can be flown in its world."""
+    from swarm_ctl.experiment.check import check_world  # noqa: PLC0415 - needs the mock's world
+
+    return check_world(mission)
 
 
 app.command()(fly)

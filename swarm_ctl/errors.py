@@ -5,7 +5,28 @@ What an error is built from is its `args`, so that it travels between processes.
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
+
+ADVICE = {
+    errno.EADDRINUSE: "another program listens there already; end it, or take another port",
+    errno.EADDRNOTAVAIL: "this machine has no such address; 0.0.0.0 stands for all that it has",
+    errno.EACCES: "this user may not use it; change its owner or permissions, or name another",
+    errno.ENODEV: "there is no such device; is it plugged in?",
+    errno.ENOSPC: "the disk is full; make room, or name a folder on another one",
+    errno.EROFS: "nothing can be written there; name another folder",
+    errno.EEXIST: "this is a file; name a folder",
+    errno.ENOTDIR: "part of its path is a file; name another folder",
+}
+"""What an error of the system means to a person, and what to do."""
+
+
+def plain(error: Exception) -> str:
+    """Say what the system refused, and what to do where that is known."""
+    number = getattr(error, "errno", None)
+    if number is not None and number < 0:  # the resolver's
+        return "there is no host of this name"
+    return ADVICE.get(number or 0) or getattr(error, "strerror", None) or str(error)
 
 
 class SwarmError(Exception):
@@ -15,16 +36,16 @@ class SwarmError(Exception):
 class MissionError(SwarmError):
     """A mission file that cannot be flown."""
 
-    def __init__(self, path: Path, key: str, reason: str) -> None:
+    def __init__(self, path: Path, key: str, reason: str, option: str = "") -> None:
         self.path = path
         self.key = key
         self.reason = reason
-        super().__init__(path, key, reason)
+        self.option = option
+        """The option that gave the key its value; empty when the file did."""
+        super().__init__(path, key, reason, option)
 
     def __str__(self) -> str:
-        return (
-            f"{self.path}: {self.key}: {self.reason}" if self.key else f"{self.path}: {self.reason}"
-        )
+        return ": ".join(filter(None, (str(self.path), self.option or self.key, self.reason)))
 
 
 class MockError(SwarmError):

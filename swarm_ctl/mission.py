@@ -13,6 +13,16 @@ from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.link.url import parse_peers
 from swarm_ctl.sections import Section, cross_check, first_mistake, in_words, read_yaml, unknown_key
 
+OPTIONS = {
+    "vehicles": "--vehicles",
+    "autopilot": "--autopilot",
+    "peers": "--peers",
+    "seed": "--seed",
+    "duration_s": "--duration",
+    "world": "--world",
+    "planner.kind": "--planner",
+}
+"""What replaces a key of the file, by the key."""
 BLOCKS = ("planner", "flight", "limits", "frame", "ranging")
 """Sections of a mission file, which are blocks of keys."""
 
@@ -84,14 +94,15 @@ def load_mission(
     """
     raw = _read(path)
     raw.setdefault("name", path.stem)
-    given = {
+    options = {
         "vehicles": vehicles,
         "autopilot": autopilot,
         "peers": peers,
         "seed": seed,
         "duration_s": duration_s,
     }
-    raw.update({key: value for key, value in given.items() if value is not None})
+    given = {key: value for key, value in options.items() if value is not None}
+    raw.update(given)
     for block, key, value in (("planner", "kind", planner), ("flight", "open_air", open_air)):
         section = raw.get(block) or {}
         if value is not None and isinstance(section, Mapping):
@@ -105,9 +116,10 @@ def load_mission(
     try:
         mission = Mission.model_validate(raw)
     except ValidationError as error:
-        raise _as_mission_error(path, error) from None
+        replaced = {*given, *({"planner.kind"} if planner is not None else ())}
+        raise _as_mission_error(path, error, replaced) from None
     if is_simulated:
-        _check_world(path, mission)
+        _check_world(path, mission, "--world" if world is not None else "")
         check_starts(path, mission, range(1, mission.vehicles + 1))
     return mission
 
@@ -120,11 +132,12 @@ def check_starts(path: Path, mission: Mission, sysids: Iterable[int]) -> None:
             raise MissionError(path, "frame.starts_m", reason)
 
 
-def _check_world(path: Path, mission: Mission) -> None:
+def _check_world(path: Path, mission: Mission, option: str) -> None:
     if mission.world is None:
-        raise MissionError(path, "world", "is missing")
+        reason = "is missing; name a world file to simulate, here or by --world"
+        raise MissionError(path, "world", reason)
     if not mission.world.is_file():
-        raise MissionError(path, "world", f"there is no world file {mission.world}")
+        raise MissionError(path, "world", f"there is no world file {mission.world}", option)
 
 
 def mission_schema() -> dict[str, Any]:
@@ -212,10 +225,11 @@ def _to_fly_again(flown: dict[str, Any]) -> dict[str, Any]:
     return flown
 
 
-def _as_mission_error(path: Path, error: ValidationError) -> MissionError:
+def _as_mission_error(path: Path, error: ValidationError, replaced: set[str]) -> MissionError:
     detail = first_mistake(error)
     key = str(detail.get("ctx", {}).get("key") or ".".join(map(str, _named(detail["loc"]))))
-    return MissionError(path, key, in_words(detail, _unknown_key))
+    option = OPTIONS[key] if key in replaced else ""
+    return MissionError(path, key, in_words(detail, _unknown_key), option)
 
 
 def _named(loc: Sequence[int | str]) -> list[int | str]:

@@ -12,7 +12,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from swarm_ctl.errors import MissionError
+from swarm_ctl.errors import MissionError, plain
 
 
 class Section(BaseModel):
@@ -34,18 +34,23 @@ def read_yaml(path: Path, what: str) -> dict[str, Any]:
     except FileNotFoundError:
         raise MissionError(path, "", "there is no such file") from None
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        reason = plain(error) if isinstance(error, OSError) else "it is not UTF-8 text"
         raise MissionError(path, "", f"cannot be read: {reason}") from None
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        problem = error.problem or "this is not YAML"
-        raise MissionError(path, "", f"{line}{problem}") from None
+        raise MissionError(path, "", f"{line}{_without_jargon(error.problem or '')}") from None
     except yaml.YAMLError as error:
         first = str(error).splitlines()[0]
         raise MissionError(path, "", f"this is not YAML: {first}") from None
     if not isinstance(raw, dict):
         raise MissionError(path, "", what)
     return raw
+
+
+def _without_jargon(problem: str) -> str:
+    """Say what YAML's own words mean, where people have asked."""
+    words = (words for part, words in _YAML.items() if part in problem)
+    return next(words, problem or "this is not YAML")
 
 
 def cross_check(key: str, reason: str) -> PydanticCustomError:
@@ -102,6 +107,13 @@ _Loader.add_implicit_resolver(  # YAML 1.1 takes 1e-3 for text
 )
 
 
+_YAML = {
+    "mapping values are not allowed": "a colon too many, or an indent unlike its neighbours'",
+    r"character '\t'": "a tab; indent with spaces",
+    "constructor for the tag": "a tag (!...) is not taken here; write a plain value",
+    "got '<stream end>'": "a bracket or quote is not closed",
+    "expected <block end>": "an indent unlike that of its neighbours",
+}
 _SENTENCES = {
     "missing": "is missing",
     "invalid_key": "unknown key; keys are words",
@@ -132,13 +144,14 @@ _TYPES = {
 }
 
 
-def unknown_key(name: str, places: Iterable[Mapping[str, str]], here: Iterable[str]) -> str:
+def unknown_key(name: str, places: Sequence[Mapping[str, str]], here: Iterable[str]) -> str:
     """Say which key was meant: places, the nearest first, tell how to say the names they know.
 
     `here` are the names to list when nothing is like it.
     """
-    for place in places:
-        close = difflib.get_close_matches(name, place, n=1, cutoff=0.6)
-        if close:
-            return f"unknown key; did you mean {place[close[0]]}?"
+    for cutoff in (1.0, 0.6):  # the very name elsewhere before one like it here
+        for place in places:
+            close = difflib.get_close_matches(name, place, n=1, cutoff=cutoff)
+            if close:
+                return f"unknown key; did you mean {place[close[0]]}?"
     return f"unknown key; known here are {', '.join(here)}"

@@ -114,8 +114,8 @@ def check(faults: Iterable[Fault], sysids: Iterable[int]) -> None:
     for fault in faults:
         if fault.vehicle is not None and fault.vehicle not in known:
             raise ValueError(
-                f"fault {fault.kind!r} strikes vehicle {fault.vehicle}, "
-                f"but the fleet is {min(known)} to {max(known)}"
+                f"fault {fault.kind}:{fault.vehicle}@{fault.time_s:g}: there is no vehicle "
+                f"{fault.vehicle}; they are {min(known)} to {max(known)}"
             )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mock_vehicle.errors import WorldError
 from mock_vehicle.maps import CLEARANCE_CAP_M, OccupancyMap, load_map
+from mock_vehicle.world.bounds import check_size
 from mock_vehicle.world.floor import Grid, centres, flood, largest_area
 from mock_vehicle.world.outline import drawn_map, polygon
 from mock_vehicle.world.plan import OPEN_SKY_HEIGHT_M, build_prisms
@@ -300,6 +301,8 @@ def load_world(path: Path) -> World:
 def build_world(path: Path, spec: WorldSpec) -> World:
     """Build what a world file says; its path is where a map lies, and what WorldError names."""
     world = World(path, spec, Shapes(build_prisms(path, spec)), _load_map(path, spec))
+    north_m, east_m, down_m = (world.high_ned_m - world.low_ned_m).tolist()
+    check_size(path, spec, (north_m, east_m, down_m))
     world.check()
     return world
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -46,6 +47,11 @@ class _Loader(yaml.SafeLoader):
                     raise _TwiceError(key.value, lines[name], line)
                 lines[name] = line
         return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(  # YAML 1.1 takes 1e-3 for text
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789")
+)
 
 
 def read_spec(path: Path) -> WorldSpec:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm_ctl.errors import MissionError
+from swarm_ctl.errors import MissionError, plain
 from swarm_ctl.experiment import pool
 from swarm_ctl.experiment.batch import Case, simulate
 from swarm_ctl.experiment.cell import Cell, case_of
@@ -211,7 +211,7 @@ class _Folder:
             else:
                 write_whole(path / SPEC, json.dumps(spec, indent=2) + "\n")
         except OSError as error:
-            reason = f"{path}: cannot keep the results: {error.strerror or error}"
+            reason = f"{path}: cannot keep the results: {plain(error)}"
             raise MissionError(source, "", reason) from None
         self.done = {chunk.name for chunk in (path / CHUNKS).glob("*.json")}
 

@@ -19,7 +19,7 @@ from optuna.samplers import BaseSampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
-from swarm_ctl.errors import MissionError
+from swarm_ctl.errors import MissionError, plain
 from swarm_ctl.experiment import sweep
 from swarm_ctl.experiment.space import Span, Tune, load_tune, whole, with_planner
 from swarm_ctl.experiment.specs import Experiment, load_experiment
@@ -64,7 +64,7 @@ def tune_experiment(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        reason = f"{folder}: cannot keep the results: {error.strerror or error}"
+        reason = f"{folder}: cannot keep the results: {plain(error)}"
         raise MissionError(path, "out", reason) from None
     with _study(path, experiment, space, storage, folder) as study:
         search = _Search(path, experiment, space, study, compute)

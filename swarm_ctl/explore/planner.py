@@ -183,7 +183,9 @@ class PlannerParams(BaseModel):
     @model_validator(mode="after")
     def _order_lengths(self) -> Self:
         if self.levy_min_m > self.levy_max_m:
-            raise ValueError("levy_min_m must not exceed levy_max_m")
+            sentence = f"must be at most levy_max_m ({self.levy_max_m:g}), not {self.levy_min_m:g}"
+            about = {"key": "planner.levy_min_m", "reason": sentence}
+            raise PydanticCustomError("cross_check", "{reason}", about)
         return self
 
 

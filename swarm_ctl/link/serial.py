@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import serial
 
 HINTS = {
+    errno.ENOENT: "; is it plugged in? /dev/serial/by-id has what is",
     errno.EACCES: "; its group, often dialout, may use it",
     errno.EAGAIN: "; another program uses it",
 }
@@ -63,4 +64,6 @@ class SerialLink(StreamLink):
 def _words(error: Exception) -> str:
     """Say in the system's words why a port could not be opened."""
     number = getattr(error, "errno", None)
-    return os.strerror(number) + HINTS.get(number, "") if number else str(error)
+    if number:
+        return os.strerror(number) + HINTS.get(number, "")
+    return "this is no serial port" if "configure" in str(error) else str(error)

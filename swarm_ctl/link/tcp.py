@@ -6,7 +6,7 @@ import asyncio
 import errno
 import socket
 
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import SwarmError, plain
 from swarm_ctl.link.stream import StreamLink
 from swarm_ctl.link.url import parse
 
@@ -25,7 +25,7 @@ class TcpLink(StreamLink):
         try:
             self._address = (socket.gethostbyname(host), port)  # here, never while flying
         except (OSError, UnicodeError) as error:
-            raise SwarmError(f"{url}: {getattr(error, 'strerror', None) or error}") from None
+            raise SwarmError(f"{url}: {plain(error)}") from None
 
     def _connect(self) -> None:
         if self._loop is None:

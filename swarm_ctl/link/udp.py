@@ -8,7 +8,7 @@ import select
 import socket
 import zlib
 
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import SwarmError, plain
 from swarm_ctl.link.base import Heard, Source
 from swarm_ctl.link.url import parse
 
@@ -42,7 +42,7 @@ class UdpLink:
             )  # here, never while flying: it may take long
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         except (OSError, UnicodeError) as error:
-            raise SwarmError(f"{url}: {getattr(error, 'strerror', None) or error}") from None
+            raise SwarmError(f"{url}: {plain(error)}") from None
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         if not self._is_listening:
@@ -53,7 +53,7 @@ class UdpLink:
             self._socket.bind(address)
         except OSError as error:
             self._socket.close()
-            raise SwarmError(f"{url}: {error.strerror or error}") from None
+            raise SwarmError(f"{url}: {plain(error)}") from None
 
     def _bind_as_before(self, address: Source) -> None:
         """Speak from the same port whenever it is free: PX4 answers who spoke first, for good."""

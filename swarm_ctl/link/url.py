@@ -110,7 +110,8 @@ def parse(url: str) -> Address:
         parts = urlsplit(url)
         port = parts.port
     except ValueError as error:
-        raise SwarmError(f"{url}: {error}") from error
+        reason = f"expected {scheme}://HOST:PORT, with a port of 1 to 65535"
+        raise SwarmError(f"{url}: {reason}") from error
     is_bare = parts.path in {"", "/"} and not parts.query
     if not parts.hostname or port is None or not is_bare:
         raise SwarmError(f"{url}: expected {scheme}://HOST:PORT")

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 import swarm_ctl
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import SwarmError, plain
 from swarm_ctl.record.flight_journal import FlightJournal, Story, open_journals, read_flight_journal
 from swarm_ctl.record.journal import Journal
 from swarm_ctl.record.paths import PathRecorder, write_paths
@@ -250,7 +250,7 @@ def _make(path: Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
         full = any(path.iterdir())
     except OSError as error:
-        raise SwarmError(f"{path}: cannot be the run folder: {error.strerror}") from None
+        raise SwarmError(f"{path}: cannot be the run folder: {plain(error)}") from None
     if full:
         raise SwarmError(f"{path}: holds files already; name a new or an empty folder")
     return path

@@ -72,7 +72,10 @@ def unheard(link: Member) -> str:
 def nothing_heard(shared: SharedLink) -> str:
     """Say that nobody was there, or nobody who speaks MAVLink."""
     if not shared.is_noise:
-        return f"nothing heard at {shared.link.url} within {HEARD_S:.0f} s"
+        return (
+            f"nothing heard at {shared.link.url} within {HEARD_S:.0f} s; is the vehicle on, and "
+            "does it speak to this address?"
+        )
     hint = " (is the baud rate right?)" if shared.link.url.startswith("serial:") else ""
     return f"heard no MAVLink at {shared.link.url}, only noise{hint}"
 

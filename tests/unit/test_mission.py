@@ -191,8 +191,8 @@ def test_the_schema_explains_every_key() -> None:
         ("1: one", "1", "unknown key"),
         (
             "planner: {levy_min_m: 3, levy_max_m: 2}",
-            "planner",
-            "levy_min_m must not exceed levy_max_m",
+            "planner.levy_min_m",
+            "must be at most levy_max_m (2), not 3",
         ),
     ],
 )
@@ -297,7 +297,10 @@ def test_an_unknown_key_comes_before_what_follows_from_it(tmp_path: Path) -> Non
 def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_text("duration_s: 60\n")
-    assert str(refusal(path)) == f"{path}: world: is missing"
+    assert (
+        str(refusal(path))
+        == f"{path}: world: is missing; name a world file to simulate, here or by --world"
+    )
 
 
 @pytest.mark.parametrize("world", ["", "world: nowhere.yaml\n"])

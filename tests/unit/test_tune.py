@@ -367,7 +367,7 @@ def only(name: str, **span: Any) -> dict[str, Any]:
         (
             only("levy_min_m", low=1, high=30),
             "tune.parameters",
-            "levy_min_m must not exceed levy_max_m; this would be so in cell 'anywhere' with",
+            "levy_min_m must be at most levy_max_m (20), not 30; this would be so in cell",
         ),
         (
             only("levy_min_m", low=1, high=3)
@@ -376,7 +376,7 @@ def only(name: str, **span: Any) -> dict[str, Any]:
                 | only("levy_min_m", low=1, high=3)["parameters"]
             },
             "tune.parameters",
-            "levy_min_m must not exceed levy_max_m",
+            "levy_min_m must be at most levy_max_m",
         ),
     ],
 )

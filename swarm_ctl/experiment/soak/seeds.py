@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import SwarmError, plain
 from swarm_ctl.experiment.pool import processes
 from swarm_ctl.experiment.soak.draw import draw
 from swarm_ctl.experiment.soak.flight import Outcome, Violation, fly
@@ -90,7 +90,7 @@ def _appended(out: Path | None) -> Any:
         out.parent.mkdir(parents=True, exist_ok=True)
         return out.open("a", encoding="utf-8")
     except OSError as error:
-        raise SwarmError(f"--out {out}: cannot be written: {error.strerror}") from None
+        raise SwarmError(f"--out {out}: cannot be written: {plain(error)}") from None
 
 
 def _read(out: Path, seeds: range, *, hashed: bool) -> dict[int, Outcome]:
