@@ -91,7 +91,7 @@ def test_a_folder_that_holds_something_is_left_alone(make: Make, tmp_path: Path)
 
 def test_a_file_cannot_be_the_run_folder(make: Make, tmp_path: Path) -> None:
     (tmp_path / "run").touch()
-    with pytest.raises(SwarmError, match="cannot be the run folder: File exists"):
+    with pytest.raises(SwarmError, match="cannot be the run folder: this is a file"):
         make(tmp_path / "run")
 
 

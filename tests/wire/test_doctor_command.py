@@ -124,7 +124,7 @@ def test_a_link_on_which_nobody_is_heard_fails(
         (("--connect", "carrier-pigeon://1"), "carrier-pigeon://1: expected udpin://"),
         (("--connect", "udpin://127.0.0.1:0", "--mission", "none.yaml"), "none.yaml: there is no"),
         (("--connect", "udpin://127.0.0.1:0", "--signing-key", "none"), "signing key none: "),
-        ((), "Missing option '--connect'"),
+        ((), "missing option '--connect'"),
         (("--connect", "udpin://127.0.0.1:0", "--sysid", "300"), "--sysid 300: a vehicle's sysid"),
     ],
 )

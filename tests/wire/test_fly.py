@@ -265,10 +265,9 @@ def test_a_vehicle_that_has_no_position_yet_is_not_waited_for_for_ever(
 
 def test_silence_is_one_sentence(shell: Shell, free_udp_port: int) -> None:
     url = f"udpin://127.0.0.1:{free_udp_port}"
-    assert shell.fly("--connect", url, speed=60) == (
-        *(2, ""),
-        f"nothing heard at {url} within 30 s\n",
-    )
+    hint = "is the vehicle on, and does it speak to this address?"
+    silence = f"nothing heard at {url} within 30 s; {hint}\n"
+    assert shell.fly("--connect", url, speed=60) == (2, "", silence)
     assert not shell.out.exists()
     code, said, _ = shell.fly("--connect", url, "--sysid", 1, speed=60)
     assert code == 1
@@ -293,7 +292,7 @@ def test_silence_is_one_sentence(shell: Shell, free_udp_port: int) -> None:
             ],
             "2 --connect and 3 --sysid do not pair up",
         ),
-        (["--connect", URL, "--planner", "magic"], "planner.kind"),
+        (["--connect", URL, "--planner", "magic"], "--planner: must be"),
     ],
 )
 def test_a_mistake_is_one_sentence(shell: Shell, options: list[object], sentence: str) -> None:
@@ -308,7 +307,8 @@ def test_a_taken_port_is_one_sentence(shell: Shell) -> None:
     with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
         other.bind(("127.0.0.1", 0))
         url = f"udpin://127.0.0.1:{other.getsockname()[1]}"
-        assert shell.fly("--connect", url) == (2, "", f"{url}: Address already in use\n")
+        taken = "another program listens there already; end it, or take another port"
+        assert shell.fly("--connect", url) == (2, "", f"{url}: {taken}\n")
 
 
 # -- the record ----------------------------------------------------------------------------------

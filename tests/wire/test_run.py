@@ -238,7 +238,7 @@ def test_a_reader_who_leaves_does_not_bring_the_swarm_down(hall: Hall, swarm_ctl
         ({"radio": {"radus_m": 3}}, "dead:1@2", "world.yaml: radio.radus_m: unknown key"),
         ({"starts": [{"position_m": [99, 99]}]}, "dead:1@2", "world.yaml: starts"),
         ({}, "daed:1@2", "--fault daed:1@2: 'daed' is no fault; did you mean 'dead'?"),
-        ({}, "dead:3@2", "strikes vehicle 3, but the fleet is 1 to 2"),
+        ({}, "dead:3@2", "there is no vehicle 3; they are 1 to 2"),
     ],
 )
 def test_what_the_fleet_complains_about_is_the_one_sentence(
