@@ -181,7 +181,8 @@ def _from_truth(truth: Truth) -> tuple[list[int], FLOATS, BOOLS] | None:
     sysids, times_s = arrays["sysids"].tolist(), arrays["coverage_time_s"].astype(float)
     first, second = np.triu_indices(len(sysids), 1)
     heard = np.zeros((len(times_s), len(sysids), len(sysids)), dtype=bool)
-    heard[:, first, second] = np.unpackbits(arrays["links"], axis=1, count=len(first))
+    links = arrays["links"].reshape(len(times_s), -(len(first) // -8))  # of no samples, too
+    heard[:, first, second] = np.unpackbits(links, axis=1, count=len(first))
     return sysids, times_s, heard | heard.transpose(0, 2, 1)
 
 
