@@ -93,6 +93,8 @@ class Run:
             list(_json(path / "paths.json").get("vehicles", ())),
         )
 
+    _accuracies: dict[int, FLOATS] = field(default_factory=dict, repr=False)
+
     @property
     def mission(self) -> dict[str, Any]:
         """Give the resolved mission."""
@@ -190,6 +192,20 @@ class Run:
             for time_s, status in frames
         ]
         return Battery(*np.array(rows, dtype=float).reshape(-1, 3).T)
+
+    def accuracy_m(self, sysid: int, time_s: float) -> float | None:
+        """Give how exactly an autopilot knew its place by its own words (ESTIMATOR_STATUS).
+
+        Level, one standard deviation, relative to where its estimator began; None: it told not.
+        """
+        if sysid not in self._accuracies:
+            frames = find_frames(self.tlog(sysid), "ESTIMATOR_STATUS", sysid)
+            rows = [(at_s - self.epoch_s, status.pos_horiz_accuracy) for at_s, status in frames]
+            self._accuracies[sysid] = np.array(rows, dtype=float).reshape(-1, 2)
+        told = self._accuracies[sysid]
+        before = int(np.searchsorted(told[:, 0], time_s, side="right")) - 1
+        accuracy_m = float(told[before, 1]) if before >= 0 else math.nan
+        return accuracy_m if math.isfinite(accuracy_m) else None
 
     def tlog(self, sysid: int) -> Path:
         """Name a vehicle's telemetry log."""

@@ -36,6 +36,8 @@ class Sighting:
     """What the world calls it; empty when nobody knows."""
     truth_ned_m: Vec3 | None
     """Where it lies, by the referee."""
+    accuracy_m: float | None
+    """Standard deviation of the finder's own place, level, by its autopilot."""
     reports: tuple[Report, ...]
     """In the order of time."""
 
@@ -54,14 +56,17 @@ class Sighting:
 
     @property
     def uncertainty_m(self) -> float | None:
-        """Give the level radius around the estimate that holds 95 % of all vehicles' reports.
+        """Give the level radius around the estimate in which the victim lies 95 times of 100.
 
-        None when a single vehicle reported it, which nobody can contradict.
+        Two things add up, as squares do: twice the standard deviation of the finder's own place,
+        and how far 95 % of all vehicles' reports lie from the estimate. None when its autopilot
+        does not tell and no second vehicle reported it.
         """
         places = [report.ned_m for report in self.reports if report.ned_m]
-        if len(places) < 2 or self.ned_m is None:
+        if self.ned_m is None or (self.accuracy_m is None and len(places) < 2):
             return None
-        return float(np.percentile([_level_m(place, self.ned_m) for place in places], 95))
+        spread_m = float(np.percentile([_level_m(place, self.ned_m) for place in places], 95))
+        return math.hypot(2.0 * (self.accuracy_m or 0.0), spread_m)
 
     @property
     def error_m(self) -> float | None:
@@ -81,9 +86,7 @@ def sightings(run: Run) -> list[Sighting]:
         is_seen = entry["event"] == "VictimFound"
         report = Report(entry["time_s"], entry["sysid"], is_seen, own, place)
         reports.setdefault(data["victim"], []).append(report)
-    found = [
-        Sighting(number, *_known(run, number), tuple(told)) for number, told in reports.items()
-    ]
+    found = [_sighting(run, number, told) for number, told in reports.items()]
     return sorted(found, key=lambda one: one.found.time_s)
 
 
@@ -95,6 +98,12 @@ def missed(run: Run, found: Sequence[Sighting]) -> list[tuple[str, Vec3]]:
         for number, victim in enumerate(_victims(run))
         if number not in numbers
     ]
+
+
+def _sighting(run: Run, number: int, reports: Sequence[Report]) -> Sighting:
+    first = next((report for report in reports if report.is_seen), reports[0])
+    accuracy_m = run.accuracy_m(first.sysid, first.time_s)
+    return Sighting(number, *_known(run, number), accuracy_m, tuple(reports))
 
 
 def _known(run: Run, number: int) -> tuple[str, Vec3 | None]:

@@ -161,7 +161,7 @@ def test_every_message_of_an_mcap_file_fits_its_schema(flown: Path, tmp_path: Pa
     out = export_run(flown, "mcap", tmp_path / "run.mcap")
     with out.open("rb") as file:
         last_ns = 0
-        for schema, channel, message in make_reader(file).iter_messages():
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
             assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
             fits(json.loads(message.data), json.loads(schema.data), channel.topic)
@@ -321,7 +321,7 @@ def test_satellites_have_told_in_the_beacons_where_the_starts_are(tmp_path: Path
 @pytest.mark.parametrize("seed", range(20))
 def test_any_area_is_outlined_cell_by_cell(seed: int) -> None:
     chance = np.random.default_rng(seed)
-    cells = chance.random(chance.integers(1, 14, 2)) < chance.random()
+    cells = chance.random(chance.integers(1, 30, 2)) < chance.random()
     drawn = shapely.MultiPolygon(
         [
             shapely.Polygon(

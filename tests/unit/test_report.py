@@ -221,7 +221,9 @@ def test_reports_that_differ_make_a_victim_uncertain(run: Path) -> None:
     victim = sightings(Run.read(run))[0]
     assert victim.number == 9
     assert victim.ned_m == pytest.approx(np.add(starts[1], (1.0, 0.0, 0.0))), "own eyes count"
-    assert victim.uncertainty_m == pytest.approx(np.percentile([0.0, 3.0, 4.0], 95))
+    assert victim.accuracy_m == pytest.approx(0.29), "as PX4's estimator says"
+    spread_m = np.percentile([0.0, 3.0, 4.0], 95)
+    assert victim.uncertainty_m == pytest.approx(np.hypot(2 * 0.29, spread_m))
     assert victim.error_m is None, "the world has no victim 9"
 
 
@@ -265,12 +267,14 @@ def test_frames_are_found_in_a_torn_log_and_not_among_noise(run: Path) -> None:
     log = run / "tlogs" / "vehicle-001.tlog"
     whole = list(find_frames(log, "SYS_STATUS", 1))
     data = log.read_bytes()
-    log.write_bytes(data[: len(data) // 2] + b"\xfd\x1f\x00\x00\x00\x01\x01\x01\x00\x00" + b"\x00")
-    assert (
-        list(find_frames(log, "SYS_STATUS", 1))
-        == whole[: len(list(find_frames(log, "SYS_STATUS", 1)))]
-    )
-    assert 0 < len(list(find_frames(log, "SYS_STATUS", 1))) < len(whole)
+    noise = b"\xfd\xff\x00\x00\x00\x01\x01\x01\x00\x00"  # the head of one, and nothing of it
+    tenth = [match.start() for match in re.finditer(rb"\xfd.{4}\x01\x01\x01\x00\x00", data)][9] - 8
+    log.write_bytes(data[:tenth] + noise + data[tenth:])
+    assert list(find_frames(log, "SYS_STATUS", 1)) == whole
+    log.write_bytes(data[: len(data) // 2])
+    half = list(find_frames(log, "SYS_STATUS", 1))
+    assert 0 < len(half) < len(whole)
+    assert half == whole[: len(half)]
     assert list(find_frames(log, "SYS_STATUS", 7)) == []
     assert list(find_frames(run / "nowhere.tlog", "SYS_STATUS", 1)) == []
 

@@ -33,7 +33,8 @@ def victims_section(run: Run) -> Markup | None:
     words = (
         "Places are what the vehicles that saw a victim reported, in metres from "
         f"{'the corner of the world' if run.truth.arrays else 'the origin of the launch frame'}. "
-        "“Sure to” is the radius that holds 95 % of what all vehicles say of it"
+        "“Sure to” is the radius in which it lies 95 times of 100, by what its finder knew of its "
+        "own place and by what all vehicles say of it"
         + (", “off truth” the distance to where it lies." if run.truth.world else ".")
     )
     if not run.starts_ned_m:
