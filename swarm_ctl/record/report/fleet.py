@@ -10,8 +10,7 @@ import numpy as np
 from swarm_ctl.record.contacts import ContactGraph, contact_details
 from swarm_ctl.record.looks import colours
 from swarm_ctl.record.reader import Battery, Run
-from swarm_ctl.record.report.ground import hexadecimal
-from swarm_ctl.record.report.markup import Markup, join, picture, table, tag
+from swarm_ctl.record.report.markup import Markup, hexadecimal, join, picture, table, tag
 from swarm_ctl.record.report.plot import Plot, ticks, x_axis
 
 ALONE, IN_GROUP = (240, 160, 60), (37, 120, 200)

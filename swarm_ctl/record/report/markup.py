@@ -57,6 +57,13 @@ def picture(rgba: NDArray[np.uint8], words: str, **attributes: Any) -> Markup:
     return tag("img", src=f"data:image/png;base64,{data}", alt=words, **attributes)
 
 
+def hexadecimal(colour: Any) -> str:
+    """Write a colour of the pictures as a page does."""
+    if isinstance(colour, str):
+        return colour
+    return "#" + "".join(f"{round(255 * part):02x}" for part in colour)
+
+
 def _name(key: str) -> str:
     return "class" if key == "cls" else key.rstrip("_").replace("_", "-")
 

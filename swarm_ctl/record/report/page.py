@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Callable
 from importlib.resources import files
 
@@ -9,20 +11,9 @@ from swarm_ctl.record.reader import Run
 from swarm_ctl.record.report.findings import coverage_section, victims_section
 from swarm_ctl.record.report.fleet import contacts_section, energy_section, phases_section
 from swarm_ctl.record.report.ground import map_section
-from swarm_ctl.record.report.health import repeat_section, safety_section, wire_section
-from swarm_ctl.record.report.markup import Markup, tag
-
-SECTIONS: tuple[tuple[str, Callable[[Run], Markup | None]], ...] = (
-    ("Map", map_section),
-    ("Victims", victims_section),
-    ("Coverage over time", coverage_section),
-    ("Safety", safety_section),
-    ("What each vehicle did", phases_section),
-    ("Contacts over time", contacts_section),
-    ("Battery and energy", energy_section),
-    ("Wire", wire_section),
-    ("Mission, and how to repeat it", repeat_section),
-)
+from swarm_ctl.record.report.markup import Markup, join, tag
+from swarm_ctl.record.report.safety import safety_section
+from swarm_ctl.record.report.traffic import wire_section
 
 
 def page(run: Run) -> str:
@@ -99,3 +90,47 @@ def _of(found: int | None, total: int | None) -> str | None:
 
 def _seconds(value: float | None) -> str | None:
     return None if value is None else f"{value:,.0f} s"
+
+
+def repeat_section(run: Run) -> Markup:
+    """Say how to fly the same again, and with which versions it was flown."""
+    mode = run.started.get("mode")
+    seed, folder = run.started.get("seed"), run.path.name
+    file = shlex.quote(f"{folder}/mission.json")
+    faults = "".join(f" --fault {shlex.quote(fault)}" for fault in run.started.get("faults", ()))
+    commands = {
+        "virtual": f"swarm-ctl run {file} --virtual{faults}",
+        "udp": f"swarm-ctl run {file}{faults}",
+        "fly": f"swarm-ctl fly {file} --connect URL",
+    }
+    promise = {
+        "virtual": "In virtual time the same versions fly the same, frame by frame: run_sha256 "
+        f"is then {run.summary.get('run_sha256', 'unknown')}.",
+        "udp": "Over UDP the seed repeats every random draw, but not the clock's.",
+        "fly": "Real vehicles never fly the same twice; the seed repeats the planners' draws.",
+    }
+    versions = ", ".join(f"{name} {what}" for name, what in run.started["versions"].items())
+    flown = f"Flown {run.started_utc:%Y-%m-%d %H:%M:%S} UTC with seed {seed}; {versions}."
+    return join(
+        tag("pre", commands.get(str(mode), "")),
+        tag("p", promise.get(str(mode), "")),
+        tag("p", flown),
+        tag(
+            "details",
+            tag("summary", "the mission, with every value"),
+            tag("pre", json.dumps(run.mission, indent=2)),
+        ),
+    )
+
+
+SECTIONS: tuple[tuple[str, Callable[[Run], Markup | None]], ...] = (
+    ("Map", map_section),
+    ("Victims", victims_section),
+    ("Coverage over time", coverage_section),
+    ("Safety", safety_section),
+    ("What each vehicle did", phases_section),
+    ("Contacts over time", contacts_section),
+    ("Battery and energy", energy_section),
+    ("Wire", wire_section),
+    ("Mission, and how to repeat it", repeat_section),
+)
