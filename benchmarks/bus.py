@@ -22,6 +22,7 @@ from swarm_ctl.flight import orders_of
 from swarm_ctl.mission import load_mission
 from swarm_ctl.model import Event, Vec3
 
+MOSQUITTO = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin")
 VEHICLES, TOLD_S, TICK_S, EVENTS_EVERY_S = 20, 20.0, 0.1, 5.0
 MISSION = Path(__file__).parents[1] / "missions" / "usar_office.yaml"
 
@@ -62,27 +63,22 @@ def move(agent: Agent, now: float) -> None:
 @contextmanager
 def mosquitto() -> Iterator[Broker]:
     """Start a broker in a process of its own."""
-    program = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin")
     with tempfile.NamedTemporaryFile("w", suffix=".conf") as settings:
-        settings.write(f"listener {port()} 127.0.0.1\nallow_anonymous true\nlog_dest none\n")
+        settings.write("listener 18831 127.0.0.1\nallow_anonymous true\nlog_dest none\n")
         settings.flush()
-        process = subprocess.Popen([program or "mosquitto", "-c", settings.name])  # noqa: S603
+        process = subprocess.Popen([MOSQUITTO or "", "-c", settings.name])  # noqa: S603
         try:
-            yield Broker("127.0.0.1", port())
+            yield Broker("127.0.0.1", 18831)
         finally:
             process.kill()
             process.wait()
 
 
-def port() -> int:
-    """Give a port that is seldom in use."""
-    return 18_831
-
-
 def main() -> None:
     """Print a row per broker."""
     print(f"{VEHICLES} vehicles, state at 2 Hz, ground at 1 Hz, an event each {EVENTS_EVERY_S:g} s")
-    for name, broker in (("mosquitto", mosquitto()), ("embedded", embedded_broker(18_832))):
+    brokers = {"mosquitto": mosquitto()} if MOSQUITTO else {}
+    for name, broker in {**brokers, "embedded": embedded_broker(18832)}.items():
         with broker as at:
             spent_s = asyncio.run(tell(at))
         print(f"{name:10}  {spent_s / TOLD_S:6.2%} of a core in the process that flies")

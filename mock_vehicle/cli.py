@@ -124,7 +124,7 @@ async def _serve(
     duration_s: float | None,
     out: Path | None,
 ) -> None:
-    """Fly; write the truth first, at the end, and every few seconds in case the end never comes."""
+    """Fly; write the truth at the end, and every few seconds in case the end never comes."""
     server = Server(fleet, ports, speed=speed)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -133,7 +133,7 @@ async def _serve(
     gc.freeze()
     reports = itertools.count(1)
     if out is not None:
-        fleet.write(out)  # who waits for `ready` finds the world in it
+        fleet.referee.write_world(out)  # who waits for `ready` finds it
     with show(fleet, server) as report:
 
         def keep() -> None:

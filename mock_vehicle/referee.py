@@ -214,12 +214,16 @@ class Referee:
 
     def write(self, folder: Path) -> None:
         """Write truth.json, truth.npz and world.json; a reader never sees half a file."""
-        folder.mkdir(parents=True, exist_ok=True)
+        self.write_world(folder)
         arrays = io.BytesIO()
         np.savez_compressed(arrays, **self._arrays())
         _replace(folder / "truth.npz", arrays.getvalue())
-        write_json(folder / "world.json", self._world.outline())
         write_json(folder / "truth.json", self.truth())
+
+    def write_world(self, folder: Path) -> None:
+        """Write world.json, which stays as it is."""
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "world.json", self._world.outline())
 
     def _separate(self, distances_m: FLOATS) -> None:
         flying = np.nonzero(self._airborne)[0]

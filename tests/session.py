@@ -67,7 +67,7 @@ class Session:
 
     def end(self) -> tuple[int, str, str]:
         out, complaints = self.process.communicate(timeout=PATIENCE_S)
-        assert "Traceback" not in complaints
+        assert "Traceback" not in complaints, complaints
         return self.process.returncode, out, complaints
 
     def summary(self) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def connect(agent: Agent) -> Vec3 | None:
     else:
         name = agent.telemetry.autopilot.name
         agent.note("Connected", autopilot=name)
-        agent.enter(Cause.CHECKED, f"{name} ready")
+        agent.enter(Cause.CHECKED, f"{name} ready{', waits for start' * agent.awaits_start}")
     return None
 
 

@@ -20,6 +20,8 @@ from swarm_ctl.bus.state import state_of
 from swarm_ctl.model import Vec3
 
 STATE_S = 0.5
+SLOTS = 10
+"""Vehicles tell one after the other: two hundred at once would hold up their setpoints."""
 GROUND_S = 1.0
 """Between two tellings of ground newly seen."""
 ALL_GROUND_S = 10.0
@@ -80,6 +82,7 @@ class Voice:
             await self._forget_earlier_runs(client)
             self._is_first = False
         await self._tell_status(client)
+        await asyncio.sleep(STATE_S * (self._agent.sysid % SLOTS) / SLOTS)
         await self._tell_all_ground(client)
         async with asyncio.TaskGroup() as tasks:
             works = (self._tell_events(client), self._tell_ground(client))
