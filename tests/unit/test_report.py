@@ -237,9 +237,20 @@ def test_the_bound_is_that_of_the_study() -> None:
     truth = Truth({"sight_radius_m": 0.3}, arrays)
     began = [{"event": "Connected", "sysid": sysid} for sysid in range(1, 11)]
     run = Run(Path(), {"mission": mission}, {}, began, truth)
-    share = swept_share(run, np.array([0.0, 165.0, 331.0]))
+    share = swept_share(run, np.array([0.0, 165.0, 331.0]))  # on the way from the first moment
     assert share is not None
     assert share == pytest.approx([10 * math.pi * 0.09 / 400.0, 0.502, 1.0], abs=1e-3)
+
+
+def test_nothing_is_explored_faster_than_the_bound_allows(flown: Path) -> None:
+    run = Run.read(flown)
+    times_s, share = (run.truth.arrays[f"coverage_{name}"] for name in ("time_s", "fraction"))
+    bound = swept_share(run, times_s)
+    assert bound is not None
+    cell_m, area_m2 = 0.25, float(run.truth.arrays["free"].sum()) * 0.25**2
+    rim = 3 * 2.0 * math.pi * cell_m / area_m2  # cells count as seen with their middles
+    assert (share <= bound + rim).all()
+    assert bound[-1] == pytest.approx(1.0)
 
 
 def test_the_bound_of_a_volume_is_that_of_the_study() -> None:

@@ -108,7 +108,7 @@ def swept_share(run: Run, times_s: NDArray[np.float64]) -> NDArray[np.float64] |
     faster. None when nobody knows how much there is to see.
     """
     numbers, arrays = run.truth.numbers, run.truth.arrays
-    since_s = _explored_from_s(run)
+    since_s = _taken_off_s(run)
     way_m = run.mission["flight"]["speed_m_s"] * np.maximum(times_s - since_s, 0.0)
     radius_m, ball_m = numbers.get("sight_radius_m"), numbers.get("ball_radius_m")
     if ball_m is not None:
@@ -127,7 +127,7 @@ def _reached(
     run: Run, times_s: NDArray[Any], share: NDArray[Any], bound: NDArray[Any] | None
 ) -> list[Markup]:
     """Say when parts of the whole were explored, and when they could have been at best."""
-    since_s = _explored_from_s(run)
+    since_s = _taken_off_s(run)
     rows = []
     for wanted in SHARES:
         took_s = _first(times_s, share, wanted) - since_s
@@ -139,7 +139,8 @@ def _reached(
     if not rows:
         return []
     heads = ["explored", "after", "at best", "as long"]
-    return [table(heads, rows if bound is not None else [row[:2] for row in rows])]
+    rows, heads = (rows, heads) if bound is not None else ([row[:2] for row in rows], heads[:2])
+    return [table(heads, rows), tag("p", "Times count from the first take-off.")]
 
 
 def _first(times_s: NDArray[Any], share: NDArray[Any], wanted: float) -> float:
@@ -147,6 +148,7 @@ def _first(times_s: NDArray[Any], share: NDArray[Any], wanted: float) -> float:
     return float(times_s[reached[0]]) if len(reached) else math.nan
 
 
-def _explored_from_s(run: Run) -> float:
-    entries = run.events("PhaseChanged")
-    return min((e["time_s"] for e in entries if e["data"]["after"] == "exploring"), default=0.0)
+def _taken_off_s(run: Run) -> float:
+    """Tell when the first vehicle took off: from then on the swarm sees the ground."""
+    changes = run.events("PhaseChanged")
+    return min((e["time_s"] for e in changes if e["data"]["after"] == "takeoff"), default=0.0)

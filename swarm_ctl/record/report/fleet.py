@@ -47,12 +47,9 @@ def contacts_section(run: Run) -> Markup | None:
         for victim in contacts.news
         for sysid, after_s in victim["knew_after_s"].items()
     ]
-    keys = [
-        ("sq alone", "", "alone"),
-        ("sq group", "", "in a group; darker: more vehicles"),
-        ("mark found", "★", "finds a victim"),
-        ("mark told", "", "learns of one"),
-    ]
+    keys = [("sq alone", "", "alone"), ("sq group", "", "in a group; darker: more vehicles")]
+    if contacts.news:
+        keys += [("mark found", "★", "finds a victim"), ("mark told", "", "learns of one")]
     lanes = _lanes(graph.sysids, float(graph.times_s[-1]), _group_rows(graph), titles, marks, keys)
     return join(lanes, _groups(graph), _pairs(graph, details["pairs"]))
 
