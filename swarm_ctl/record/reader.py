@@ -32,7 +32,7 @@ def telling_what_is_damaged(path: Path) -> Iterator[None]:
     """Turn what a damaged record leads to, whatever is asked of it, into one SwarmError."""
     try:
         yield
-    except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
+    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
         said = f"{type(error).__name__}: {error}"
         raise SwarmError(f"{path}: its record is damaged or of another version ({said})") from error
 
@@ -181,16 +181,7 @@ class Run:
     def battery(self, sysid: int) -> Battery:
         """Read from a vehicle's telemetry log how its battery went down."""
         frames = list(find_frames(self.tlog(sysid), "SYS_STATUS", sysid))
-        rows = [
-            (
-                time_s - self.epoch_s,
-                status.battery_remaining / 100.0 if status.battery_remaining >= 0 else math.nan,
-                status.voltage_battery * status.current_battery * 1e-5  # mV and cA
-                if status.current_battery >= 0
-                else math.nan,
-            )
-            for time_s, status in frames
-        ]
+        rows = [(time_s - self.epoch_s, *_battery(status)) for time_s, status in frames]
         return Battery(*np.array(rows, dtype=float).reshape(-1, 3).T)
 
     def accuracy_m(self, sysid: int, time_s: float) -> float | None:
@@ -242,6 +233,14 @@ class Run:
         places = np.array([waypoint["position_m"] for waypoint in flown], dtype=float)
         times_s = np.array([waypoint["time_s"] for waypoint in flown], dtype=float)
         return _track(path["sysid"], times_s, places.reshape(-1, 3) + start)
+
+
+def _battery(status: Any) -> tuple[float, float]:
+    """Give what is left and the power of a SYS_STATUS; NaN is what it does not tell."""
+    left = status.battery_remaining / 100.0 if status.battery_remaining >= 0 else math.nan
+    is_measured = status.voltage_battery < 0xFFFF and status.current_battery >= 0
+    power_w = status.voltage_battery * status.current_battery * 1e-5  # mV times cA
+    return left, power_w if is_measured else math.nan
 
 
 def _told_start(log: Path, sysid: int) -> Geodetic | None:

@@ -114,6 +114,19 @@ def test_vehicles_that_share_no_frame_are_on_no_map(run: Path) -> None:
     assert export_run(run, "csv").is_dir()
 
 
+def test_a_run_that_was_killed_at_once_has_no_map_but_what_there_is(run: Path) -> None:
+    for entry in run.iterdir():
+        if entry.is_dir():
+            shutil.rmtree(entry)
+        elif entry.name != "mission.json":
+            entry.unlink()
+    for kind in ("geojson", "kml", "plan"):
+        with pytest.raises(SwarmError, match="nothing has a place on a map"):
+            export_run(run, kind, origin="60,24")
+    assert export_run(run, "mcap").stat().st_size > 0
+    assert not any(export_run(run, "csv").iterdir())
+
+
 # -- MCAP ------------------------------------------------------------------------------------------
 
 

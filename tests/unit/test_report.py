@@ -6,6 +6,7 @@ import json
 import math
 import re
 import shutil
+import struct
 import time
 from collections import Counter
 from html.parser import HTMLParser
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flown import fly
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mission import load_mission
@@ -149,6 +151,19 @@ def test_a_folder_with_nothing_but_its_mission_has_a_page(run: Path) -> None:
     assert "how to repeat it" in read(run).text
 
 
+def test_a_run_that_ended_as_it_began_has_a_page(run: Path) -> None:
+    shutil.rmtree(run / "truth")
+    shutil.rmtree(run / "tlogs")
+    change = {"before": "connecting", "after": "failed", "reason": "no heartbeat"}
+    entries = [
+        {"event": "PhaseChanged", "time_s": 0.0, "sysid": sysid, "data": change} for sysid in (1, 2)
+    ]
+    (run / "events.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    (run / "paths.json").unlink()
+    write_report(run)
+    assert "failed: no heartbeat" in read(run).text
+
+
 def test_what_vehicles_say_cannot_become_part_of_the_page(run: Path) -> None:
     text = {"text": "<script>alert(1)</script>", "severity": 2}
     entry = {"event": "StatusText", "time_s": 3.0, "sysid": 1, "data": text}
@@ -272,6 +287,18 @@ def test_a_battery_is_read_from_the_log(flown: Path) -> None:
     assert 0.0 <= battery.time_s[0] < 2.0
     assert np.all(np.diff(battery.left_fraction) <= 0.0)
     assert 50.0 < np.median(battery.power_w) < 400.0
+
+
+def test_a_battery_that_nobody_measures_is_unknown(run: Path) -> None:
+    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    status = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0)
+    stamped = struct.pack(">Q", 1_704_067_200_000_000) + status.pack(link)
+    (run / "tlogs" / "vehicle-001.tlog").write_bytes(3 * stamped)
+    battery = Run.read(run).battery(1)
+    assert np.isnan(battery.left_fraction).all()
+    assert np.isnan(battery.power_w).all()
+    write_report(run)
+    assert "nan" not in read(run).text
 
 
 def test_frames_are_found_in_a_torn_log_and_not_among_noise(run: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -50,8 +51,12 @@ def contacts_section(run: Run) -> Markup | None:
     keys = [("sq alone", "", "alone"), ("sq group", "", "in a group; darker: more vehicles")]
     if contacts.news:
         keys += [("mark found", "★", "finds a victim"), ("mark told", "", "learns of one")]
-    lanes = _lanes(graph.sysids, float(graph.times_s[-1]), _group_rows(graph), titles, marks, keys)
+    lanes = _lanes(graph.sysids, _until_s(graph), _group_rows(graph), titles, marks, keys)
     return join(lanes, _groups(graph), _pairs(graph, details["pairs"]))
+
+
+def _until_s(graph: ContactGraph) -> float:
+    return max(1.0, float(graph.times_s[-1]))
 
 
 def _group_rows(graph: ContactGraph) -> np.ndarray[Any, Any]:
@@ -72,7 +77,7 @@ def _news_mark(
 ) -> Markup:
     row = graph.sysids.index(sysid)
     where = (
-        f"left:{100.0 * time_s / float(graph.times_s[-1]):.2f}%;"
+        f"left:{100.0 * time_s / _until_s(graph):.2f}%;"
         f"top:{100.0 * (row + 0.5) / len(graph.sysids):.2f}%"
     )
     if not after_s:
@@ -109,9 +114,9 @@ def _lanes(
 def _groups(graph: ContactGraph) -> Markup:
     counts = np.where(graph.flying.any(axis=1), graph.group_counts, 0).astype(float)
     links = graph.link_counts.astype(float)
-    groups = Plot(float(graph.times_s[-1]), float(counts.max()) * 1.08, "groups (1: all together)")
+    groups = Plot(_until_s(graph), float(counts.max()) * 1.08, "groups (1: all together)")
     groups.line(graph.times_s, counts, "curve", is_filled=True)
-    pairs = Plot(float(graph.times_s[-1]), max(1.0, float(links.max()) * 1.08), "pairs in contact")
+    pairs = Plot(_until_s(graph), max(1.0, float(links.max()) * 1.08), "pairs in contact")
     pairs.line(graph.times_s, links, "curve", is_filled=True)
     return tag("div", groups.html(), pairs.html(), cls="two")
 
@@ -147,7 +152,7 @@ def phases_section(run: Run) -> Markup | None:
     changes = run.events("PhaseChanged")
     if not changes:
         return None
-    until_s = max(entry["time_s"] for entry in changes)
+    until_s = max(1.0, *(entry["time_s"] for entry in changes))
     columns = min(1000, max(2, round(until_s * 2)))
     rgba = np.zeros((len(run.sysids), columns, 4), dtype=np.uint8)
     for entry in changes:
@@ -179,9 +184,8 @@ def energy_section(run: Run) -> Markup | None:
         plot = Plot(max(float(one.time_s[-1]) for one in told.values()), 100.0, "battery left, %")
         hues = dict(zip(run.sysids, map(hexadecimal, colours(len(run.sysids))), strict=True))
         for sysid, one in told.items():
-            title = f"vehicle {sysid}: {one.left_fraction[-1]:.0%} left"
             left = 100.0 * one.left_fraction
-            plot.line(one.time_s, left, "thin", title=title, colour=hues[sysid])
+            plot.line(one.time_s, left, "thin", title=f"vehicle {sysid}", colour=hues[sysid])
         reserve = 100.0 * float(run.mission.get("limits", {}).get("battery_reserve", 0.0))
         if reserve:
             ends = np.array([0.0, plot.x_max])
@@ -195,7 +199,8 @@ def energy_section(run: Run) -> Markup | None:
 def _spent(sysid: int, result: Mapping[str, Any], battery: Battery) -> list[str]:
     left, energy, power = "unknown", "unknown", "unknown"
     if len(battery.time_s) > 1:
-        left = f"{battery.left_fraction[-1]:.0%}"
+        last = float(battery.left_fraction[-1])
+        left = f"{last:.0%}" if math.isfinite(last) else left
         watts = battery.power_w[np.isfinite(battery.power_w)]
         if len(watts) == len(battery.time_s):
             used_wh = float(np.trapezoid(watts, battery.time_s)) / 3600.0

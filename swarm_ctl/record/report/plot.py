@@ -27,6 +27,10 @@ class Plot:
     marks: list[Markup] = field(default_factory=list)
     keys: list[Markup] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        """Leave some room in a chart of nothing."""
+        self.x_max, self.y_max = max(self.x_max, 1.0), max(self.y_max, 1e-9)
+
     def line(
         self,
         x: NDArray[np.float64],
