@@ -443,7 +443,7 @@ async def test_a_run_may_be_its_own_broker(
     for sysid in range(1, 7):
         await asyncio.to_thread(session.wait_for, "exploring", sysid=sysid)
     log = await late_log(port)
-    assert {event.name for event in log.told(Event)} == {"PhaseChanged"}
+    assert "PhaseChanged" in {event.name for event in log.told(Event)}
     assert len(log.events()) == len(set(log.events())) >= 24
     assert {log.status(sysid) for sysid in range(1, 7)} == {"online"}
     assert log.told(Info)[0].mission == "hall"
