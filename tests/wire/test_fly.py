@@ -329,7 +329,7 @@ def test_the_record_tells_what_the_vehicle_knew_and_no_more(
     assert summary["notes"] == []
     assert {path.name for path in shell.out.iterdir()} == {
         *("mission.json", "events.jsonl", "journals", "tlogs", "paths.json", "paths.png"),
-        *("summary.json", "contacts.json"),
+        *("summary.json", "contacts.json", "report.html"),
     }
     assert json.loads((shell.out / "mission.json").read_text())["mode"] == "fly"
 
