@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swarm_ctl.bus.mqtt import Broker
-from swarm_ctl.cli_options import MQTT
+from swarm_ctl.cli_options import MQTT, check_name
 from swarm_ctl.errors import SwarmError
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def console(
 ) -> None:
     """Open a page in the browser: missions as they are flown, with orders, or a run played back.
 
-    Exit status: 0 ended by Ctrl-C, 2 bad input.
+    Exit status: 130 ended by Ctrl-C, 1 not served, 2 bad input.
     """
     try:
         from swarm_ctl.console import server  # noqa: PLC0415 - an extra
@@ -60,6 +60,8 @@ def console(
         ) from None
     if run is not None and (mqtt or mission):
         raise SwarmError("--mqtt and --mission watch what is flown; leave them or the folder out")
+    if mission is not None:
+        check_name(mission)
     open_source, watch = _replay(run) if run else _live(mqtt or LOCAL_BROKER, mission)
     sock, token = server.listen(host, port), server.new_token()
     typer.echo(f"open {server.address(sock, token)}\nCtrl-C ends the console")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 from collections.abc import Iterator
@@ -87,6 +88,7 @@ Mqtt = Annotated[
         show_default=False,
     ),
 ]
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 Wait = Annotated[
     bool,
     typer.Option(
@@ -125,6 +127,12 @@ def read_key(file: Path | None) -> bytes | None:
         return find_key(file, os.environ)
     except ValueError as error:
         raise SwarmError(str(error)) from None
+
+
+def check_name(mission: str) -> None:
+    """Refuse what can be no mission's name, and would be several topics of the bus."""
+    if not _NAME.fullmatch(mission):
+        raise SwarmError(f"--mission {mission}: expected the name of a mission, as usar_office")
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import re
 from typing import Annotated
 
 import typer
@@ -12,12 +11,11 @@ import typer
 from swarm_ctl.bus.messages import Ack
 from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.bus.orders import give
-from swarm_ctl.cli_options import MQTT
+from swarm_ctl.cli_options import MQTT, check_name
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Operator
 
 NOT_OBEYED = 1
-_MISSION = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 def order(
@@ -45,8 +43,7 @@ def order(
     Exit status: 0 obeyed, 1 not acknowledged or refused by somebody, 2 bad input or no broker.
     """
     broker = Broker.parse(mqtt, os.environ)
-    if not _MISSION.fullmatch(mission):
-        raise SwarmError(f"--mission {mission}: expected the name of a mission, as usar_office")
+    check_name(mission)
     if sysid is not None and vehicles is not None:
         raise SwarmError("--vehicles counts those of an order to all; leave it or --sysid out")
     expected = 1 if sysid is not None else vehicles

@@ -18,6 +18,8 @@ TRAIL_POINTS = 80
 """Places of a vehicle that are kept for its trail: 40 s at two a second."""
 LOG_LINES = 1000
 """Lines of the log that a browser which comes later still gets."""
+UNLOGGED = frozenset({"VictimHeard"})
+"""Events that all vehicles tell of one fact: drawn, not written."""
 MOST_CELLS = 500_000
 """Seen places that are kept; a page that showed more would stutter."""
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.console.picture import Cell, Grid, Line, Picture, Victim
-from swarm_ctl.console.words import QUIET, in_words
-from swarm_ctl.model import Vec3
+from swarm_ctl.bus.news import news
+from swarm_ctl.console.picture import UNLOGGED, Cell, Grid, Line, Picture, Victim
+from swarm_ctl.model import Event, Vec3
 from swarm_ctl.record.reader import Battery, Run, Track
 from swarm_ctl.record.truth import Truth
 
@@ -121,9 +121,10 @@ class Replay:
                 place = self.run.in_launch_frame(sysid, Vec3(*data["position_ned_m"]))
                 finder = data.get("finder", sysid)
                 picture.find(Victim(data["victim"], place, finder, event["time_s"]))
-        if name not in QUIET:
-            vehicle.note = in_words(name, data)
-            picture.tell(Line(event["time_s"], sysid, name, vehicle.note))
+        told = news(Event(event["time_s"], sysid, name, data), run="", number=0)
+        if told is not None and name not in UNLOGGED:
+            vehicle.note = told.words
+            picture.tell(Line(told.time_s, sysid, name, told.words))
 
 
 def _index(times_s: FLOATS, time_s: float) -> int:

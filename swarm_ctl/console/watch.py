@@ -9,15 +9,13 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from swarm_ctl.bus.messages import Ack, Coverage, Event, Info, Order, State, Status, read
-from swarm_ctl.console.picture import Cell, Grid, Line, Picture, Vehicle, Victim
+from swarm_ctl.console.picture import UNLOGGED, Cell, Grid, Line, Picture, Vehicle, Victim
 from swarm_ctl.model import Vec3
 
 SILENT_S = 2.0
 """Vehicles tell their state twice a second; one that was not heard for longer is silent."""
 CURVE_S = 1.0
 """Between two points of what is seen over time."""
-UNLOGGED = frozenset({"VictimHeard"})
-"""Events that all vehicles tell of one fact: drawn, not written."""
 MOST_WAITING = 200
 """Messages of a vehicle that wait until it is known where its frame begins."""
 

@@ -50,6 +50,10 @@ class Chromium:
         self._last = 0
         self.said: list[str] = []
         """Errors and warnings of the page's scripts."""
+        self.bytes = 0
+        """What the page has received over its sockets."""
+        self.frames = 0
+        """Messages of these that told it to draw."""
         self._open = contextlib.ExitStack()
         self._open.callback(self._end)
         with contextlib.ExitStack() as trouble:  # whatever goes wrong here, no browser stays
@@ -65,8 +69,6 @@ class Chromium:
             "Emulation.setDeviceMetricsOverride",
             width=width, height=height, deviceScaleFactor=1, mobile=False,
         )  # fmt: skip
-        self.bytes = 0
-        """What the page has received over its sockets."""
 
     def open(self, address: str) -> None:
         """Go to an address; what is on it may still be on its way."""
@@ -126,7 +128,9 @@ class Chromium:
                 details = params["exceptionDetails"]
                 self.said.append(details.get("exception", {}).get("description", details["text"]))
             case "Network.webSocketFrameReceived":
-                self.bytes += len(params["response"]["payloadData"])
+                payload = params["response"]["payloadData"]
+                self.bytes += len(payload)
+                self.frames += '"show"' in payload.replace("\\", "")
 
     def close(self) -> None:
         with contextlib.suppress(ConnectionClosed):

@@ -16,7 +16,6 @@ from swarm_ctl.console import server
 from swarm_ctl.console.door import App, Door, Receive, Scope, Send
 from swarm_ctl.console.picture import LOG_LINES, TRAIL_POINTS, Cursor, Grid, Line, Picture, Victim
 from swarm_ctl.console.replay import Replay
-from swarm_ctl.console.words import in_words
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.model import Vec3
 
@@ -85,12 +84,6 @@ def test_a_frame_of_a_hundred_vehicles_is_small(picture: Picture) -> None:
     for sysid in range(1, 101):
         picture.vehicle(sysid).move(Vec3(12.845, 23.456, -1.5), 1.234)
     assert len(json.dumps(picture.frame(cursor))) < 15_000
-
-
-def test_what_no_words_are_known_for_is_told_as_it_is() -> None:
-    assert in_words("PhaseChanged", {"after": "landing", "reason": "home"}) == "landing: home"
-    assert in_words("LinkLost", {"silent_s": 1.2}) == "link lost: silent_s 1.2"
-    assert in_words("PhaseChanged", {"odd": 1}) == "phase changed: odd 1"
 
 
 # -- the door --------------------------------------------------------------------------------------
@@ -162,3 +155,8 @@ def test_without_the_extra_the_console_says_how_to_get_it(
     monkeypatch.setitem(sys.modules, "nicegui", None)
     with pytest.raises(SwarmError, match=r"pip install 'swarm-ctl\[console\]'"):
         console(tmp_path)
+
+
+def test_a_mission_that_would_be_several_topics_is_one_sentence() -> None:
+    with pytest.raises(SwarmError, match="--mission a/#: expected the name of a mission"):
+        console(mission="a/#", port=0)

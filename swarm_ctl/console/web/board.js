@@ -89,7 +89,8 @@ export default {
         </tr></tbody></table></div>
       <h2>Events<span v-if="selected"> of vehicle {{ selected }}</span></h2>
       <ol class="log" ref="log"><li v-for="line in shownLog" :key="line.key" :data-kind="line.kind">
-        <time>{{ clock(line.time) }}</time><b>{{ line.sysid || "" }}</b><span>{{ line.words }}</span></li></ol>
+        <time>{{ clock(line.time) }}</time><b>{{ line.sysid || "" }}</b><span>
+          <em v-if="line.phase" :style="{ color: look(line.phase)[1] }">{{ look(line.phase)[0] }}</em>{{ line.words }}</span></li></ol>
     </aside>
     <dialog ref="dialog">
       <template v-if="asked">
@@ -110,9 +111,11 @@ export default {
     } catch (error) {
       this.$refs.scene.dataset.fault = `This browser draws nothing in three dimensions: ${error.message}`;
     }
+    window.addEventListener("keydown", this.press);
     this.$emit("ready");
   },
   unmounted() {
+    window.removeEventListener("keydown", this.press);
     this.drawing?.dispose();
   },
   computed: {
@@ -193,11 +196,15 @@ export default {
       if (frame.curve.length) this.curve = Object.freeze([...this.curve, ...frame.curve]);
       this.write(frame.log);
       this.drawing?.show(frame, rows);
+      this.grid = this.drawing?.gridStep ?? 5;
       this.$nextTick(() => this.$emit("drawn"));
     },
     write(lines) {
       if (!lines.length) return;
-      const fresh = lines.map(([time, sysid, kind, words]) => ({ key: (this.lines += 1), time, sysid, kind, words }));
+      const phase = (kind, words) => kind === "PhaseChanged" && words.split(":")[0];
+      const fresh = lines.map(([time, sysid, kind, words]) => ({
+        key: (this.lines += 1), phase: phase(kind, words), time, sysid, kind, words,
+      }));
       const all = [...this.log, ...fresh];
       if (all.some((line, i) => i && line.time < all[i - 1].time)) all.sort((a, b) => a.time - b.time);
       this.log = Object.freeze(all.slice(-1000));
@@ -218,6 +225,11 @@ export default {
     play(playing) {
       this.playing = playing;
       this.$emit("play", playing);
+    },
+    press({ key, target }) {
+      if (this.$refs.dialog.open || target.closest("button, select")) return;
+      if (key === "Escape") this.select(null);
+      if (key === " " && this.isReplay) this.play(!this.playing);
     },
     seek(time) {
       if (!this.isReplay) return;

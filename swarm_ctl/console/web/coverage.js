@@ -1,7 +1,7 @@
 import { THREE } from "nicegui-scene";
 
-const SEEN = [47, 195, 155];
-const FRESH = "rgba(170, 255, 225, 0.75)";
+const SEEN = [70, 140, 170];
+const FRESH = "rgba(165, 225, 250, 0.7)";
 const FRESH_MS = 2500;
 const MARGIN = 32; // cells, when the known ground grows
 
@@ -68,7 +68,7 @@ export class Coverage {
     const y = this.size[0] - 1 - (north - this.low[0]);
     const share = Math.min(1, (this.counts.get(`${north} ${east}`) ?? 1) / this.grid.layers);
     this.context.clearRect(x, y, 1, 1);
-    this.context.fillStyle = isFresh ? FRESH : `rgba(${SEEN}, ${0.12 + 0.26 * share})`;
+    this.context.fillStyle = isFresh ? FRESH : `rgba(${SEEN}, ${0.14 + 0.28 * share})`;
     this.context.fillRect(x, y, 1, 1);
   }
 

@@ -17,14 +17,14 @@ export function boundsOf(world, places = []) {
 }
 
 // Build floor, grid and the floor plan's walls.
-export function buildGround(world, [west, south, east, north]) {
+export function buildGround(world, [west, south, east, north], step) {
   const group = new THREE.Group();
   const [wide, deep] = [east - west, north - south];
   const floor = new THREE.Mesh(
     new THREE.PlaneGeometry(wide, deep), new THREE.MeshBasicMaterial({ color: FLOOR }),
   );
   floor.position.set(west + wide / 2, south + deep / 2, 0);
-  group.add(floor, lines(gridPoints(west, south, east, north, gridStep(wide, deep)), GRID, 1));
+  group.add(floor, lines(gridPoints(west, south, east, north, step), GRID, 1));
   const polygons = world?.polygons ?? [];
   if (polygons.length) group.add(...walls(polygons));
   if (world?.closed) group.add(lines(boxPoints(west, south, east, north, -world.low[2]), EDGE, 0.35));

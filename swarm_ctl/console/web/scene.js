@@ -1,6 +1,6 @@
 import { OrbitControls, THREE } from "nicegui-scene";
 import { Coverage } from "./coverage.js";
-import { boundsOf, buildGround } from "./ground.js";
+import { boundsOf, buildGround, gridStep } from "./ground.js";
 import { Overlay } from "./overlay.js";
 import { Swarm } from "./swarm.js";
 
@@ -55,20 +55,18 @@ export class Scene {
   }
 
   select(sysid) {
-    this.swarm.selected = sysid;
+    this.swarm.select(sysid);
     this.request();
   }
 
   // Draw the ground, again when vehicles of an unknown world have come to its edge.
   frameGround(places) {
-    const [west, south, east, north] = this.bounds ?? [0, 0, 0, 0];
-    const isInside = places.every(
-      ([n, e]) => n >= south && n <= north && e >= west && e <= east,
-    );
-    if (this.bounds && (this.head.world || isInside)) return;
+    if (this.bounds && (this.head.world || places.every((one) => isWithin(one, this.bounds)))) return;
     if (this.ground) this.scene.remove(this.ground);
     this.bounds = boundsOf(this.head.world, places);
-    this.ground = buildGround(this.head.world, this.bounds);
+    const [west, south, east, north] = this.bounds;
+    this.gridStep = gridStep(east - west, north - south);
+    this.ground = buildGround(this.head.world, this.bounds, this.gridStep);
     this.scene.add(this.ground);
     if (!this.isLedByHand) this.fit();
   }
@@ -133,6 +131,9 @@ export class Scene {
     this.renderer.dispose();
   }
 }
+
+const isWithin = ([north, east], [west, south, right, top]) =>
+  north >= south && north <= top && east >= west && east <= right;
 
 // Without a graphics card each picture costs the processor: then none is drawn between two frames.
 function isDrawnBySoftware(renderer) {
