@@ -39,17 +39,22 @@ export default {
     end() {
       return Math.max(this.until || 0, this.time, 30);
     },
-    top() {
+    most() {
       if (this.unit === "%") return 100;
-      const most = this.curve.reduce((m, [, value]) => Math.max(m, value), 10);
-      return roundUp(most);
+      return this.curve.reduce((most, [, value]) => Math.max(most, value), 10);
+    },
+    step() {
+      return roundUp(this.most / 4);
+    },
+    top() {
+      return this.step * Math.ceil(this.most / this.step);
     },
     xTicks() {
       const size = STEPS_S.find((step) => this.end / step <= 9) ?? 7200;
       return multiples(size, this.end);
     },
     yTicks() {
-      return multiples(roundUp(this.top / 4), this.top);
+      return multiples(this.step, this.top);
     },
     path() {
       return this.curve.map(([t, value], i) => `${i ? "L" : "M"}${this.dot(t, value)}`).join("");

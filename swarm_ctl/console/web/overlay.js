@@ -30,9 +30,13 @@ export class Overlay {
   draw(camera, swarm, victims) {
     this.context.clearRect(0, 0, this.width, this.height);
     this.context.textBaseline = "middle";
-    for (const [number, place] of victims) this.victim(this.pixel(place, camera), number);
-    this.spots = [];
     this.context.font = "600 11px Roboto, sans-serif";
+    const found = victims.map(([number, place]) => [number, this.pixel(place, camera)]);
+    for (const [number, pixel] of found.filter(([, seen]) => seen)) {
+      this.write(`victim ${number}`, pixel[0] + 12, pixel[1], VICTIM);
+    }
+    for (const [, pixel] of found.filter(([, seen]) => seen)) this.cross(pixel);
+    this.spots = [];
     for (const { at, row } of swarm.vehicles.values()) {
       const pixel = at && this.pixel(at, camera);
       if (!pixel) continue;
@@ -42,9 +46,7 @@ export class Overlay {
     }
   }
 
-  victim(pixel, number) {
-    if (!pixel) return;
-    const [x, y] = pixel;
+  cross([x, y]) {
     const { context } = this;
     context.beginPath();
     context.arc(x, y, 8, 0, 2 * Math.PI);
@@ -56,8 +58,6 @@ export class Overlay {
     context.fillStyle = VICTIM;
     context.fillRect(x - 4.5, y - 1.5, 9, 3);
     context.fillRect(x - 1.5, y - 4.5, 3, 9);
-    context.font = "600 11px Roboto, sans-serif";
-    this.write(`victim ${number}`, x + 12, y, VICTIM);
   }
 
   ring([x, y]) {
