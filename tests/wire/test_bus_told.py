@@ -225,8 +225,10 @@ async def test_a_broker_that_died_and_forgot_is_told_all_again(
     async with crew.on_air():
         crew.note(1, "before")
         crew.fly_to(1, 0.0)
+        journals = [voice.journal for voice in crew.publisher._voices.values()]
         for outage in range(3):
             await until(lambda: crew.publisher.sessions > outage)  # noqa: B023 - awaited here
+            await until(lambda: all(journal.due() is None for journal in journals))
             broker.kill()
             crew.note(1, "meanwhile")
             crew.note(2, "meanwhile")
