@@ -7,14 +7,17 @@ from halls import write_hall
 
 from swarm_ctl.experiment.arena import Arena
 from swarm_ctl.flight import Faults, finish
-from swarm_ctl.mission import load_mission
+from swarm_ctl.mission import Mission, load_mission
 from swarm_ctl.record.folder import RunFolder
 
 
 def fly(folder: Path, *, world: dict[str, Any] | None = None, **changes: Any) -> Path:
     """Fly the hall mission, changed as asked for; give the run folder."""
-    mission = load_mission(write_hall(folder, changes, world))
-    run = folder / "run"
+    return fly_mission(load_mission(write_hall(folder, changes, world)), folder / "run")
+
+
+def fly_mission(mission: Mission, run: Path) -> Path:
+    """Fly a mission into a new run folder."""
     record = RunFolder.create(run, mission.name, mission.dump(), seed=1, mode="virtual")
     arena = Arena(mission, record, Faults())
     arena.fly(lambda _: None)

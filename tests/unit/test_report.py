@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flown import fly
+from flown import fly, fly_mission
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.errors import SwarmError
@@ -202,9 +202,13 @@ def test_a_page_costs_less_than_a_tenth_of_a_second_for_each_vehicle(run: Path) 
 # -- how to fly it again ---------------------------------------------------------------------------
 
 
-def test_the_mission_of_a_run_can_be_flown_again(flown: Path) -> None:
-    again = load_mission(flown / "mission.json")
-    assert again.dump() == json.loads((flown / "mission.json").read_text())["mission"]
+def test_a_run_repeats_bit_for_bit_from_its_folder_as_its_page_says(tmp_path: Path) -> None:
+    shared = {"shared": "surveyed", "starts_m": {1: [6, 6, 0], 2: [8, 6, 0]}}
+    run = fly(tmp_path, vehicles=2, duration_s=5.0, frame=shared)
+    assert "swarm-ctl run run/mission.json --virtual" in read(run).text
+    again = fly_mission(load_mission(run / "mission.json"), tmp_path / "again")
+    hashes = [json.loads((one / "summary.json").read_text())["run_sha256"] for one in (run, again)]
+    assert hashes[0] == hashes[1]
 
 
 # -- victims ---------------------------------------------------------------------------------------

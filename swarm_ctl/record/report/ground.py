@@ -21,7 +21,7 @@ from swarm_ctl.record.report.layers import (
     words_of,
 )
 from swarm_ctl.record.report.markup import Markup, hexadecimal, join, tag
-from swarm_ctl.record.sightings import sightings
+from swarm_ctl.record.sightings import missed, sightings
 
 LAYERS = {"searched": "area searched", "paths": "paths", "victims": "victims"}
 
@@ -101,8 +101,11 @@ def _keys(run: Run) -> Markup:
     is_volume = run.mission["planner"]["dimensions"] == 3
     seen = "searched; darker: more of its air" if is_volume else "searched; darker: earlier"
     keys = [("sq group", "", seen), ("sq missing", "", "never seen")]
-    if run.truth.world.get("victims"):
+    found = sightings(run)
+    if found:
         keys.append(("mark found", "★", "victim, where the swarm says it lies"))
+    if missed(run, found):
+        keys.append(("mark missed", "✖", "victim, never found"))
     return tag(
         "div",
         *(tag("span", tag("b", sign, cls=cls), words) for cls, sign, words in keys),
