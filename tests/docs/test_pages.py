@@ -80,23 +80,29 @@ def type_in(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_a_page_does_what_it_says(page: Path, desk: Path, type_in: Type) -> None:
     found = list(blocks(page))
-    for block in found:
-        where = f"{page.name}:{block.line}"
-        assert block.language in LANGUAGES, f"{where}: `text` is for what is no code"
+    for block in reversed(found):  # a file may be shown after the command that reads it
         if block.title:
             (desk / block.title).write_text(block.text, encoding="utf-8")
     for block in found:
-        if block.language == "sh":
-            for words in block.commands:
-                held_to_what_exists(words)
-                if not block.why_not:
-                    run(words, type_in)
-        elif block.language == "python" and not block.why_not:
-            run_python(block, desk)
-        elif block.language == "yaml":
-            read_yaml(block, desk)
-        elif block.language == "json":
-            json.loads(block.text)
+        assert block.language in LANGUAGES, f"line {block.line}: `text` is for what is no code"
+        if block.title:  # another one of this name is the file as it has become
+            (desk / block.title).write_text(block.text, encoding="utf-8")
+        use(block, desk, type_in)
+
+
+def use(block: Block, desk: Path, type_in: Type) -> None:
+    """Do with a block what its language is for."""
+    if block.language == "sh":
+        for words in block.commands:
+            held_to_what_exists(words)
+            if not block.why_not:
+                run(words, type_in)
+    elif block.language == "python" and not block.why_not:
+        run_python(block, desk)
+    elif block.language == "yaml":
+        read_yaml(block, desk)
+    elif block.language == "json":
+        json.loads(block.text)
 
 
 def run(words: Sequence[str], type_in: Type) -> None:
