@@ -7,6 +7,7 @@ here says why in a comment before it, and its commands are held to the options t
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -31,14 +32,14 @@ from swarm_ctl.mission import Mission, load_mission
 LANGUAGES = {"sh", "python", "yaml", "json", "text"}
 BRIEF = {
     "run": ["--virtual", "--duration", "1"],
-    "experiment": ["--trials", "1"],
-    "tune": ["--trials", "1"],
+    "experiment": ["--trials", "1", "--workers", "1"],
+    "tune": ["--trials", "1", "--workers", "1"],
     "soak": ["--seeds", "2..2"],
 }
 """Options that make a command short; the last one of its kind counts."""
 FEW = ["--vehicles", "4"]
 TYPED: set[tuple[str, ...]] = set()
-"""Commands of our own that other pages had, too."""
+"""Commands of our own, and Python, that other pages had, too."""
 SHELL = {"source", "export", "cd"}
 """Words of the shell that change nothing here."""
 MAKE = (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -59,7 +60,11 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "mission.yaml").write_text(yaml.safe_dump(own), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv(
+        "PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    )
     monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # half of the time; drawn elsewhere
     return tmp_path
 
 
@@ -146,6 +151,9 @@ def held_to_what_exists(words: Sequence[str]) -> None:
 
 def run_python(block: Block, desk: Path) -> None:
     """Run a block as a script, or as a test when it holds one."""
+    if (block.text,) in TYPED:
+        return
+    TYPED.add((block.text,))
     script = desk / "test_of_page.py"
     script.write_text(block.text, encoding="utf-8")
     how = ["-m", "pytest", "-q", "-p", "no:cacheprovider"] if "def test_" in block.text else []
