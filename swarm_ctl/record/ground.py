@@ -112,7 +112,7 @@ def _ground(truth: Truth, *, colour_bar: bool = False) -> tuple[Figure, Axes]:
     if high > 8.5:
         wide, high = wide * 8.5 / high, 8.5
     figure = Figure(
-        figsize=(max(5.0, wide + 1.0 + colour_bar), max(3.2, high + 1.6)), layout="constrained"
+        figsize=(max(5.0, wide + 1.0 + colour_bar), max(3.2, high + 1.9)), layout="constrained"
     )
     axes = figure.add_subplot()
     axes.set_facecolor(FREE)
