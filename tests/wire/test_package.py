@@ -60,3 +60,5 @@ def test_the_wheel_brings_the_data(installed: Path) -> None:
     data = {path.name for path in installed.glob("mock_vehicle/autopilot/data/*")}
     assert data >= {"px4.param", "ardupilot.param"}
     assert (installed / "mock_vehicle/py.typed").exists()
+    web = {path.name for path in (ROOT / "swarm_ctl/console/web").iterdir()}
+    assert {path.name for path in installed.glob("swarm_ctl/console/web/*")} == web

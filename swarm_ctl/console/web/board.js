@@ -1,4 +1,4 @@
-import { AIRBORNE, Chart, Scene, clock, look, urgency, vehicle } from "swarm-console";
+import { Chart, Scene, clock, look, urgency, vehicle } from "swarm-console";
 
 const LONG_TABLE = 26; // more vehicles than this are sorted by who wants an eye
 const SPEEDS = [0.5, 1, 2, 5, 10, 20];
@@ -126,7 +126,7 @@ export default {
       return this.head.unit ?? "m²";
     },
     airborne() {
-      return this.rows.filter((one) => AIRBORNE.has(one.phase)).length;
+      return this.rows.filter((one) => one.isAirborne).length;
     },
     shownCurve() {
       return this.head.curve ?? this.curve;

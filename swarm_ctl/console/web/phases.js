@@ -16,7 +16,7 @@ export const PHASES = {
   lost: ["?", "#ff6e40"],
   offline: ["⌀", "#ff6e40"],
 };
-export const AIRBORNE = new Set([
+const AIRBORNE = new Set([
   "takeoff", "exploring", "avoiding", "holding", "returning", "landing", "yielded", "lost",
 ]);
 // Phases that want somebody's eye come first in a long table.
@@ -38,5 +38,6 @@ export const vehicle = (row) => {
   const [sysid, phase, place, yaw, battery, silent, status, peers, note, trail] = row;
   const shown = status === "offline" ? "offline" : phase;
   const isWaiting = status === "waiting";
-  return { sysid, phase: shown, isWaiting, place, yaw, battery, silent, peers, note, trail };
+  const isAirborne = AIRBORNE.has(phase); // as far as anybody knows, also without its controller
+  return { sysid, phase: shown, isWaiting, isAirborne, place, yaw, battery, silent, peers, note, trail };
 };
