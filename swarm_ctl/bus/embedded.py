@@ -17,7 +17,7 @@ from swarm_ctl.errors import SwarmError
 
 HOST = "127.0.0.1"
 STOP_S = 10.0
-_URL = re.compile(r"embedded(?::([0-9]+))?")
+_URL = re.compile(r"embedded(?::([0-9]{1,9}))?")
 _ANYBODY = {"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}}
 for _name in ("amqtt", "transitions"):
     logging.getLogger(_name).setLevel(logging.CRITICAL)  # each client that leaves is a line
@@ -27,9 +27,13 @@ Stop = tuple[asyncio.AbstractEventLoop, asyncio.Event]
 
 
 def embedded_port(url: str) -> int | None:
-    """Read `embedded[:PORT]`; None for every other address."""
-    found = _URL.fullmatch(url)
-    return int(found[1] or PORTS["mqtt"]) if found else None
+    """Read `embedded[:PORT]`; None for every other address, SwarmError for no port."""
+    if not (found := _URL.fullmatch(url)):
+        return None
+    port = int(found[1] or PORTS["mqtt"])
+    if not 0 < port < 1 << 16:
+        raise SwarmError(f"--mqtt {url}: expected a port from 1 to 65535")
+    return port
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm_ctl.bus.embedded import embedded_broker, embedded_port
 from swarm_ctl.bus.messages import (
     MOST_BYTES,
     Ack,
@@ -143,6 +145,29 @@ def test_a_wrong_address_is_one_sentence_without_the_password(url: str) -> None:
     with pytest.raises(SwarmError, match=r"^--mqtt: expected mqtt://") as refused:
         Broker.parse(url, {})
     assert "secret" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("url", "port"),
+    [("embedded", 1883), ("embedded:18830", 18830), ("mqtt://embedded", None), ("embed", None)],
+)
+def test_a_broker_in_the_process_is_named_by_its_port(url: str, port: int | None) -> None:
+    assert embedded_port(url) == port
+
+
+@pytest.mark.parametrize("port", [0, 65536, 999_999_999])
+def test_a_port_that_is_none_is_one_sentence(port: int) -> None:
+    with pytest.raises(SwarmError, match=f"^--mqtt embedded:{port}: expected a port from 1 to"):
+        embedded_port(f"embedded:{port}")
+
+
+def test_without_its_extra_the_embedded_broker_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "amqtt.broker", None)
+    expected = r"^--mqtt embedded: needs amqtt.*missing: pip install 'swarm-ctl\[broker\]'$"
+    with pytest.raises(SwarmError, match=expected), embedded_broker(1883):
+        pass
 
 
 def test_a_reason_is_one_line() -> None:
