@@ -198,6 +198,18 @@ def mission(port: str) -> dict[str, Any]:
         }
 
 
+def plan(port: str, file: str) -> dict[str, Any]:
+    """Read a plan of QGroundControl, upload it and read it back."""
+    with listening(port) as station:
+        system = station.first_autopilot(20.0)
+        assert system is not None, "no vehicle called"
+        service = MissionRaw(system)
+        items = service.import_qgroundcontrol_mission(file).mission_items
+        service.upload_mission(items)
+        kept = service.download_mission()
+        return {"commands": [[item.command for item in one] for one in (items, kept)]}
+
+
 def waypoint(home: Any, north_m: float, east_m: float, height_m: float) -> MissionItem:
     """Make an item at an offset from home."""
     east_deg = degrees(east_m / EARTH_M / cos(radians(home.latitude_deg)))
@@ -271,7 +283,7 @@ def _uid(system: System) -> str:
         return ""
 
 
-SCENARIOS = (introduction, flight, parameters, mission, fleet, discovery)
+SCENARIOS = (introduction, flight, parameters, mission, plan, fleet, discovery)
 
 if __name__ == "__main__":
     main({scenario.__name__: scenario for scenario in SCENARIOS})

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import flown
 import pytest
 from mock_process import Mock
+
+from swarm_ctl.export import export_run
 
 pytestmark = pytest.mark.clients
 both = pytest.mark.parametrize("personality", ["px4", "ardupilot"])
@@ -69,6 +73,15 @@ def test_mavsdk_uploads_reads_back_and_flies_a_mission(
     assert {1, 2, 3} <= set(seen["reached"])
     assert seen["from_end_m"] < 4.0
     assert {"MISSION", "LAND"} <= set(seen["modes"])
+
+
+def test_mavsdk_reads_the_plan_of_a_run_and_a_vehicle_takes_it(
+    launch: Launch, fly: Fly, port: int, tmp_path: Path
+) -> None:
+    run = flown.fly(tmp_path, vehicles=2, duration_s=40.0)
+    launch("px4")
+    seen = fly("fly_mavsdk", "plan", port, export_run(run, "plan"))
+    assert seen["commands"] == [[22, 16, 20]] * 2, "take-off, the victim, home"
 
 
 @both
