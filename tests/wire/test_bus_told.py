@@ -296,7 +296,7 @@ async def test_a_broker_that_lets_nobody_in_without_a_password_is_told_with_it(
 async def test_the_rules_of_the_page_let_vehicles_tell_and_operators_order(
     tmp_path: Path,
 ) -> None:
-    (rules,) = re.findall(r"```\n(user vehicle\n.*?)```", PAGE, re.DOTALL)
+    (rules,) = re.findall(r"```\w*\n(user vehicle\n.*?)```", PAGE, re.DOTALL)
     (tmp_path / "rules").write_text(rules)
     names = with_password(tmp_path, "vehicle", "pass", "operator", "viewer")
     broker = Mosquitto(tmp_path, *names, f"acl_file {tmp_path / 'rules'}")
