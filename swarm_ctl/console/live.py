@@ -138,11 +138,15 @@ class View:
         return {"order": self.order, "choose": self.choose}
 
     def order(self, asked: object) -> None:
-        """Give `{"order": word, "sysid": number or null}`; what is none is left alone."""
-        name = self._name
+        """Give `{"mission": name, "order": word, "sysid": number or null}`, if it is one.
+
+        It goes to the mission that was on the page when it was asked for: another one may have
+        begun since.
+        """
         match asked:
-            case {"order": str(word), "sysid": int() | None as sysid} if name is not None:
-                is_known = sysid is None or sysid in self._live.watches[name].picture.vehicles
+            case {"mission": str(name), "order": str(word), "sysid": int() | None as sysid}:
+                watch = self._live.watches.get(name)
+                is_known = watch is not None and (sysid is None or sysid in watch.picture.vehicles)
                 if is_known and word in {operator.value for operator in Operator}:
                     self._live.give(name, sysid, Operator(word))
 

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from urllib.parse import urlsplit
 from urllib.request import urlopen
 
 from websockets.exceptions import ConnectionClosed
@@ -54,6 +55,8 @@ class Chromium:
         """What the page has received over its sockets."""
         self.frames = 0
         """Messages of these that told it to draw."""
+        self.hosts: set[str] = set()
+        """Of which it has asked for anything."""
         self._open = contextlib.ExitStack()
         self._open.callback(self._end)
         with contextlib.ExitStack() as trouble:  # whatever goes wrong here, no browser stays
@@ -127,6 +130,8 @@ class Chromium:
             case "Runtime.exceptionThrown":
                 details = params["exceptionDetails"]
                 self.said.append(details.get("exception", {}).get("description", details["text"]))
+            case "Network.requestWillBeSent":
+                self.hosts.add(urlsplit(params["request"]["url"]).hostname or "")
             case "Network.webSocketFrameReceived":
                 payload = params["response"]["payloadData"]
                 self.bytes += len(payload)

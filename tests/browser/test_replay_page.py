@@ -41,6 +41,7 @@ def test_a_run_is_played_back_with_its_slider(
     browser.click(".speeds button:last-child")
     browser.until(f"{PHASES}.join() === 'done,done'")
     assert browser.said == []
+    assert browser.hosts == {"127.0.0.1"}  # it loads nothing from a network
 
 
 def test_a_stranger_sees_nothing(run: Path, console: Callable[..., str], browser: Chromium) -> None:

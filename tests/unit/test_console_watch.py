@@ -230,21 +230,43 @@ def test_without_a_broker_no_order_leaves_and_none_is_kept() -> None:
     live = Live(Broker.parse("mqtt://127.0.0.1:9", {}), MISSION, lambda: 0.0)
     live.watches[MISSION].picture.vehicle(1)
     view = View(live)
-    view.order({"order": "land", "sysid": None})
+    view.order({"mission": MISSION, "order": "land", "sysid": None})
     assert view.state()["answer"] is None
     assert "mqtt://127.0.0.1:9 is away" in view.state()["warning"]
 
 
 @pytest.mark.parametrize(
-    "nonsense",
-    [None, "land", {}, {"order": "fly"}, {"order": "land", "sysid": 9}, {"order": ["land"]}],
+    "changed",
+    [
+        {"order": "fly"},
+        {"order": ["land"]},
+        {"sysid": 9},
+        {"sysid": [1]},
+        {"mission": "another"},
+        {"mission": None},
+    ],
 )
-def test_no_nonsense_from_a_browser_becomes_an_order(nonsense: object) -> None:
+def test_no_nonsense_from_a_browser_becomes_an_order(changed: dict[str, object]) -> None:
     live = Live(Broker.parse("mqtt://127.0.0.1:9", {}), MISSION, lambda: 0.0)
     live._is_there = True
     live.watches[MISSION].picture.vehicle(1)
-    View(live).order(nonsense)
+    view, asked = View(live), {"mission": MISSION, "order": "land", "sysid": 1}
+    for nonsense in (None, "land", {}, {**asked, **changed}):
+        view.order(nonsense)
     assert live.watches[MISSION].answer is None
+    view.order(asked)
+    assert live.watches[MISSION].answer is not None
+
+
+def test_an_order_goes_to_the_mission_that_was_on_the_page() -> None:
+    live = Live(Broker.parse("mqtt://127.0.0.1:9", {}), None, lambda: 0.0)
+    live._is_there = True
+    for name, run in (("first", RUN), ("second", LATER)):
+        told = Info(run, name, "udp", [1], "explore", 2, 60.0, 7, None, None)
+        live.hear(info_topic(name), told.dump())
+    View(live).order({"mission": "first", "order": "land", "sysid": None})
+    assert live.watches["first"].answer is not None
+    assert live.watches["second"].answer is None
 
 
 def test_of_several_missions_the_one_that_began_last_is_shown_until_one_is_chosen() -> None:

@@ -216,11 +216,13 @@ export default {
     ask(order) {
       const [, word, ofAll, ofOne] = ORDERS.find(([name]) => name === order);
       const effect = this.selected ? ofOne : ofAll;
-      this.asked = { order, word, whom: this.whom, sysid: this.selected, effect };
+      const mission = this.head.mission;
+      this.asked = { mission, order, word, whom: this.whom, sysid: this.selected, effect };
       this.$nextTick(() => this.$refs.dialog.showModal());
     },
     give() {
-      this.$emit("order", { order: this.asked.order, sysid: this.asked.sysid });
+      const { mission, order, sysid } = this.asked;
+      this.$emit("order", { mission, order, sysid });
     },
     play(playing) {
       this.playing = playing;
