@@ -93,6 +93,11 @@ def test_a_page_does_what_it_says(page: Path, desk: Path, type_in: Type) -> None
         if block.title:  # another one of this name is the file as it has become
             (desk / block.title).write_text(block.text, encoding="utf-8")
         use(block, desk, type_in)
+    run_tests([block.text for block in found if is_test(block)], desk)
+
+
+def is_test(block: Block) -> bool:
+    return block.language == "python" and "def test_" in block.text and not block.why_not
 
 
 def use(block: Block, desk: Path, type_in: Type) -> None:
@@ -102,8 +107,8 @@ def use(block: Block, desk: Path, type_in: Type) -> None:
             held_to_what_exists(words)
             if not block.why_not:
                 run(words, type_in)
-    elif block.language == "python" and not block.why_not:
-        run_python(block, desk)
+    elif block.language == "python" and not is_test(block) and not block.why_not:
+        exec(compile(block.text, f"line {block.line}", "exec"), {})  # noqa: S102 - our own page
     elif block.language == "yaml":
         read_yaml(block, desk)
     elif block.language == "json":
@@ -149,18 +154,17 @@ def held_to_what_exists(words: Sequence[str]) -> None:
             assert extras <= EXTRAS.keys()
 
 
-def run_python(block: Block, desk: Path) -> None:
-    """Run a block as a script, or as a test when it holds one."""
-    if (block.text,) in TYPED:
-        return
-    TYPED.add((block.text,))
-    script = desk / "test_of_page.py"
-    script.write_text(block.text, encoding="utf-8")
-    how = ["-m", "pytest", "-q", "-p", "no:cacheprovider"] if "def test_" in block.text else []
-    done = subprocess.run(
-        [sys.executable, *how, script], cwd=desk, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+def run_tests(texts: Sequence[str], desk: Path) -> None:
+    """Run the tests of a page that no other page had, all in one process."""
+    new = [text for text in texts if (text,) not in TYPED]
+    TYPED.update((text,) for text in new)
+    files = [desk / f"test_of_page_{number}.py" for number in range(len(new))]
+    for file, text in zip(files, new, strict=True):
+        file.write_text(text, encoding="utf-8")
+    if files:
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *map(str, files)]
+        done = subprocess.run(command, cwd=desk, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
 
 
 def read_yaml(block: Block, desk: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import doctor_tables
 import mock_tables
 import pytest
+from pages import PAGES
 
 from mock_vehicle.world.spec import WorldSpec
 from swarm_ctl.autopilot.ardupilot import ARDUPILOT
@@ -48,6 +49,23 @@ def test_the_site_builds_without_a_warning_and_needs_no_network(site: Path) -> N
         text = page.read_text(encoding="utf-8")
         assert not LOADED.findall(text)
         assert not re.findall(r"url\([\"']?(?:https?:)?//", text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_link_of_a_page_leads_to_a_file(page: Path) -> None:
+    text = re.sub(r"```.*?```|`[^`]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)#\s]+)", text):
+        assert "://" in target or (page.parent / target).exists(), target
+
+
+def test_every_page_is_in_the_navigation_and_in_the_readme() -> None:
+    site, readme = (ROOT / name for name in ("mkdocs.yml", "README.md"))
+    readme_text, nav = readme.read_text(encoding="utf-8"), site.read_text(encoding="utf-8")
+    for page in (ROOT / "docs").rglob("*.md"):
+        name = page.relative_to(ROOT / "docs").as_posix()
+        assert f": {name}" in nav or f"- {name}" in nav
+        is_listed = f"docs/{name}" in readme_text or name.startswith(("decisions/", "reference/"))
+        assert is_listed, f"README.md does not lead to {name}"
 
 
 def test_the_reference_has_every_key_of_missions_and_worlds(site: Path) -> None:
