@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -101,3 +103,12 @@ def test_nonsense_from_a_browser_changes_nothing(run: Path, nonsense: object) ->
 def whole(frame: dict[str, Any]) -> dict[str, Any]:
     """Leave out how the cells came to be in their order: those of one instant may swap."""
     return {**frame, "cells": sorted(zip(frame["cells"][::2], frame["cells"][1::2], strict=True))}
+
+
+def test_without_a_referee_everybody_is_drawn_from_its_own_start(run: Path) -> None:
+    shutil.rmtree(run / "truth")
+    replay = Replay.read(run)
+    starts = [one.place_ned_m for one in replay.at(0.0).vehicles.values()]
+    assert all(place is not None and math.hypot(place.x, place.y) < 0.5 for place in starts)
+    assert "each is drawn from its own start" in replay.head["note"]
+    assert (replay.head["curve"], replay.at(replay.duration_s).seen) == ([], 0)
