@@ -187,7 +187,7 @@ def _command(name: str, command: Any) -> str:
         if (record := parameter.get_help_record(context)) and parameter.name != "help"
     ]
     head = ["", f"## {name}", "", f"`{usage}`", "", "\n\n".join(paragraphs), ""]
-    return "\n".join([*head, "| | |", "|---|---|", *rows])
+    return "\n".join([*head, "| option | meaning |", "|---|---|", *rows])
 
 
 def _plain(words: str) -> str:
