@@ -406,7 +406,7 @@ def test_a_fault_is_read() -> None:
 
 
 def test_a_fault_needs_a_vehicle_that_flies(launch: Launch) -> None:
-    with pytest.raises(ValueError, match="strikes vehicle 7, but the fleet is 1 to 1"):
+    with pytest.raises(ValueError, match="there is no vehicle 7; they are 1 to 1"):
         launch((5, 5), faults=[Fault(1.0, 7, "dead")])
 
 

@@ -665,5 +665,5 @@ def test_several_faults_of_a_link_act_one_after_the_other(begin: Begin) -> None:
 
 def test_a_struck_vehicle_must_fly(begin: Begin) -> None:
     log = begin()
-    with pytest.raises(ValueError, match="strikes vehicle 7, but the fleet is 1 to 2"):
+    with pytest.raises(ValueError, match="there is no vehicle 7; they are 1 to 2"):
         log.strike("dead", vehicle=7)
