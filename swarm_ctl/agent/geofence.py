@@ -20,8 +20,6 @@ FENCE_M = 0.3
 """Kept to the fence: what a vehicle overshoots, also one whose controller is killed there."""
 GIVE_WAY_M = 0.6
 """A peer this much beyond the separation, straight ahead, is passed on the right."""
-NEARLY_M_S = -0.1
-"""A peer that is to be left any faster is too near to be pushed towards by a wall."""
 SOON_S = 1.0
 """In so long a vehicle that flies level has left the way of one that climbs or descends."""
 GIVE_WAY, IN_THE_WAY = 0.6, 0.7
@@ -68,11 +66,10 @@ class Guard:
         """
         peers = self._levelled(peers) if self._is_level else peers
         velocity = self._keep_right(velocity, peers)
-        walls = self._walls(motion, ranges_m)
         constraints = [  # the last one wins where they contradict: walls leave the least room
             *(self._fence(motion) if knows_place else ()),
-            *self._peers(motion, peers, _push(walls)),
-            *walls,
+            *self._peers(motion, peers),
+            *self._walls(motion, ranges_m),
         ]
         return limit_velocity(velocity, constraints, self._speed, self._climb)
 
@@ -139,13 +136,7 @@ class Guard:
             if abs(offset.z) < separation_m or abs(offset.z + SOON_S * velocity.z) < separation_m
         ]
 
-    def _peers(
-        self, motion: Motion, peers: Sequence[Neighbour], push_m_s: Vec3
-    ) -> list[Constraint]:
-        """Bound the speed towards peers; walls push half as fast as else towards one that is near.
-
-        Who stopped between the two would be blown into the wall, a body's radius away.
-        """
+    def _peers(self, motion: Motion, peers: Sequence[Neighbour]) -> list[Constraint]:
         vx, vy, vz = motion.velocity_ned_m_s
         response_s, constraints = self._response_s + motion.late_s, []
         for offset, velocity, doubt_m in peers:
@@ -154,9 +145,6 @@ class Guard:
             own = vx * x + vy * y + vz * z
             coming = -(velocity.x * x + velocity.y * y + velocity.z * z)
             room = self._towards_peer(distance - doubt_m, own, coming, response_s)
-            pushed = push_m_s.x * x + push_m_s.y * y + push_m_s.z * z
-            if room > NEARLY_M_S:
-                room = max(room, 0.5 * pushed)
             constraints.append(Constraint(x, y, z, room))
         return constraints
 
@@ -180,16 +168,6 @@ def _beam(index: int, yaw_rad: float) -> Vec3:
         return (UP, DOWN)[index - len(BEAM_BEARINGS_RAD)]
     bearing_rad = yaw_rad + BEAM_BEARINGS_RAD[index]
     return Vec3(math.cos(bearing_rad), math.sin(bearing_rad), 0.0)
-
-
-def _push(walls: Sequence[Constraint]) -> Vec3:
-    """Give the velocity with which walls that are too near push off."""
-    near = [wall for wall in walls if wall.limit < 0.0]
-    return Vec3(
-        sum(wall.nx * wall.limit for wall in near),
-        sum(wall.ny * wall.limit for wall in near),
-        sum(wall.nz * wall.limit for wall in near),
-    )
 
 
 def _between(one_m_s: float, other_m_s: float) -> tuple[float, float]:

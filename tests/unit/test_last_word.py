@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -28,8 +27,6 @@ from swarm_ctl.model import Operator, Vec3
 TICK_S = 0.1
 SPEED_M_S, CLIMB_M_S, BRAKING_M_S2 = 1.5, 0.8, 2.0
 SEPARATION_M, WALL_M, RADIUS_M, FLOOR_M, CEILING_M = 1.0, 0.5, 8.0, 0.4, 3.5
-RESPONSE_S = 0.6
-Direction = tuple[float, float, float]
 TOLERANCE_M_S = 0.0101
 """What the filter lets pass where limits contradict each other (explore/safety.py)."""
 PX4_MODES = [PX4.offboard_mode, PX4.land_mode, 3 << 16, 4 << 16 | 5 << 24, 0]
@@ -212,22 +209,11 @@ class Bench:
         assert math.hypot(setpoint.vx, setpoint.vy) <= SPEED_M_S + 1e-5
         assert abs(setpoint.vz) <= CLIMB_M_S + 1e-5
         for name, towards, room_m, braking in self.limits():
-            speed = along(velocity, towards)
+            speed = sum(v * n for v, n in zip(velocity, towards, strict=True))
             most = math.sqrt(2.0 * braking * room_m) if room_m > 0.0 else 0.0
-            most += self.pushed_m_s(towards) if name == "peer" else 0.0
             assert speed <= most + TOLERANCE_M_S, f"{speed:.3f} m/s at a {name} {room_m:.3f} m off"
 
-    def pushed_m_s(self, towards: Direction) -> float:
-        """Give the most that walls push towards a peer, in half: 0.5 m/s each that is too near."""
-        flown_m = [RESPONSE_S * v for v in self.agent.telemetry.velocity_ned_m_s]
-        near = [
-            way
-            for name, way, room_m, _ in self.limits()
-            if name == "wall" and room_m < max(0.0, along(flown_m, way))
-        ]
-        return 0.5 * sum(max(0.0, -0.5 * along(way, towards)) for way in near)
-
-    def limits(self) -> list[tuple[str, Direction, float, float]]:
+    def limits(self) -> list[tuple[str, tuple[float, float, float], float, float]]:
         """Give name, direction, room that is left and braking of all that may not be run into."""
         agent, telemetry = self.agent, self.agent.telemetry
         x, y, z = telemetry.position_ned_m
@@ -259,10 +245,6 @@ class Bench:
                 beam = (0.0, 0.0, -1.0 if index == 4 else 1.0)
             found.append(("wall", beam, range_m - WALL_M, half if index < 4 else 0.5))
         return found
-
-
-def along(velocity: Sequence[float], way: Direction) -> float:
-    return sum(v * n for v, n in zip(velocity, way, strict=True))
 
 
 @cache
