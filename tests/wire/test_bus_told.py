@@ -444,10 +444,11 @@ async def test_a_run_may_be_its_own_broker(
     )
     for sysid in range(1, 7):
         await asyncio.to_thread(session.wait_for, "exploring", sysid=sysid)
-    log = await late_log(port)
+    async with subscriber(port) as log:
+        await until(lambda: {log.status(sysid) for sysid in range(1, 7)} == {"online"})
+        await until(lambda: len(log.events()) >= 24)
     assert "PhaseChanged" in {event.name for event in log.told(Event)}
-    assert len(log.events()) == len(set(log.events())) >= 24
-    assert {log.status(sysid) for sysid in range(1, 7)} == {"online"}
+    assert len(log.events()) == len(set(log.events()))
     assert log.told(Info)[0].mission == "hall"
     async with aiomqtt.Client("127.0.0.1", port) as client:
         await client.publish("swarm/hall/order", "land", qos=1)

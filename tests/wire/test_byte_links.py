@@ -202,7 +202,7 @@ def test_a_port_that_another_program_uses_is_one_sentence(usb: Usb) -> None:
 
 @pytest.mark.parametrize(
     ("device", "sentence"),
-    [("/dev/no-such-port", "No such file or directory"), ("/dev/null", "Could not configure port")],
+    [("/dev/no-such-port", "No such file or directory"), ("/dev/null", "this is no serial port")],
 )
 def test_a_port_that_cannot_be_opened_is_one_sentence(device: str, sentence: str) -> None:
     with pytest.raises(SwarmError, match=f"serial://{device}: {sentence}"):
