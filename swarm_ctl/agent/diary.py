@@ -16,7 +16,7 @@ from swarm_ctl.agent.phases import Phase
 from swarm_ctl.agent.victims import Report
 from swarm_ctl.autopilot.status import AUTOPILOTS
 from swarm_ctl.explore.explorer import WrittenOff
-from swarm_ctl.explore.trails import START
+from swarm_ctl.explore.pieces import START
 from swarm_ctl.frames import Geodetic
 from swarm_ctl.model import Vec3
 

@@ -10,7 +10,7 @@ import numpy as np
 from swarm_ctl.agent.beacon import SUMMARY_TYPE, TRAIL_TYPE
 from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import BEFORE_START
-from swarm_ctl.explore import trails
+from swarm_ctl.explore import pieces, trails
 from swarm_ctl.explore.explorer import Explorer
 from swarm_ctl.model import Vec3
 
@@ -21,7 +21,7 @@ TRAILS_PER_BEACON = 2
 """As many as one vehicle told in two ticks of a tenth of a second."""
 FRAME_BYTES = 30
 """What a signed TUNNEL adds to a payload."""
-TRAIL_BYTES = trails.PAYLOAD_BYTES + FRAME_BYTES
+TRAIL_BYTES = pieces.PAYLOAD_BYTES + FRAME_BYTES
 SUMMARY_BYTES = trails.SUMMARY_BYTES + FRAME_BYTES
 SCAN_M = 2.0
 """Scanner hits farther than this are left for later, when they are seen more exactly."""

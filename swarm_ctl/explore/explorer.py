@@ -14,11 +14,12 @@ from swarm_ctl.explore.avoidance import Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
 from swarm_ctl.explore.frontier import NOBODY, Others, find_way, find_way_to
 from swarm_ctl.explore.memory import VisitedMap, three
+from swarm_ctl.explore.pieces import LINE, START, WALL_X
 from swarm_ctl.explore.planner import SLOW, Plan, PlannerParams, Planning, plan_with
 from swarm_ctl.explore.pso import limit_motion, next_motion
 from swarm_ctl.explore.repulsion import repulsion
 from swarm_ctl.explore.swath import Swath
-from swarm_ctl.explore.trails import LINE, START, WALL_X, News, Trails
+from swarm_ctl.explore.trails import News, Trails
 
 DEVIATION_M = 0.1
 """How far a trail may stray from the straight line between two points of its log."""

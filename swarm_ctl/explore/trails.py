@@ -10,56 +10,32 @@ they would grow by half a cell at every hop (ALGORITHM 2.6).
 
 from __future__ import annotations
 
-import math
-import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
-START, LINE, WALL_X, WALL_Y, WALL_Z = range(5)
-"""Kinds of entries: a trail begins; goes on straight from its last point; walls by their axis."""
+from swarm_ctl.explore.contacts import MOST_ORIGINS, Contacts
+from swarm_ctl.explore.pieces import (
+    LINE,
+    MOST_ENTRIES,
+    VERSION,
+    Entry,
+    Piece,
+    Shift,
+    decode,
+    encode,
+    read_summary,
+    varint,
+)
 
-PAYLOAD_BYTES = 120
 SUMMARY_BYTES = 80
-MOST_ENTRIES = 20_000
-"""Per origin; 20 minutes of the densest trail. More is somebody's mistake."""
-MOST_ORIGINS = 250
 MOST_BIRTH = 2**20 - 1
 MOST_WAITING = 64
 """Pieces per origin that wait for what comes before them."""
 FAR_M = 327.67
 """What a shift can say in int16 centimetres; the logs of frames farther off are not passed on."""
-CONTACT_S = 3.0
-"""A peer met so lately is told what it lacks. Batch trials meet once a second: where 70 % of all
-beacons get lost, they explore a point less with 1.5 s."""
 STALE_S = 10.0
 """A peer not met for longer may have begun anew elsewhere meanwhile, which takes longer than this:
 what it tells has no place until it is met."""
-RESEND_S = 0.8
-"""What was sent and not acknowledged by a summary for so long is sent again."""
-
-_VERSION = 1
-
-Shift = tuple[float, ...]
-"""What to add to a position in another frame to have it in one's own, m. All axes lie along north
-by compass; with no compass this is where a rotation would have to go, too."""
-
-
-class Entry(NamedTuple):
-    """One line of a log."""
-
-    kind: int
-    point_cm: tuple[int, ...]
-    """In the frame of the log's origin."""
-
-
-class Piece(NamedTuple):
-    """A run of entries, as it travels."""
-
-    origin: int
-    begin: int
-    shift_cm: tuple[int, ...]
-    """From the origin's frame into the sender's."""
-    entries: list[Entry]
 
 
 class News(NamedTuple):
@@ -89,31 +65,6 @@ class _Log:
         return news
 
 
-class _Peer:
-    """What this vehicle knows of one that it has heard."""
-
-    def __init__(self) -> None:
-        self.origin: int | None = None
-        """The log that it writes; None until it has told."""
-        self.heard_s = -math.inf
-        self.shift_m: Shift | None = None
-        self.known: dict[int, int] = {}
-        self.sent: dict[int, tuple[int, float]] = {}
-
-    def writes(self, origin: int) -> None:
-        """Note whose log it writes: when that is another one, it has begun anew elsewhere."""
-        if self.origin not in {None, origin}:
-            self.shift_m = None
-            self.known, self.sent = {}, {}
-        self.origin = origin
-
-    def has(self, origin: int, now: float) -> int:
-        """Give how much of a log it has, counting what is on its way."""
-        known = self.known.get(origin, 0)
-        length, sent_s = self.sent.get(origin, (0, -math.inf))
-        return max(known, length) if now - sent_s < RESEND_S else known
-
-
 class Trails:
     """The logs of all origins that one vehicle knows of, and what its peers know of them."""
 
@@ -129,7 +80,7 @@ class Trails:
         self._dimensions = dimensions
         self._logs: dict[int, _Log] = {self.own: _Log()}
         self._logs[self.own].shift_m = (0.0,) * dimensions
-        self._peers: dict[int, _Peer] = {}
+        self._contacts = Contacts()
         self._turn = 0
 
     # -- one's own log -------------------------------------------------------------------------
@@ -140,6 +91,7 @@ class Trails:
         point = tuple(round(value * 100.0) for value in point_m)
         if len(own.entries) < MOST_ENTRIES and all(abs(value) <= 32767 for value in point):
             own.extend([Entry(kind, point)], ())
+            self._contacts.offer(self.own, len(own.entries))
 
     def length(self, origin: int) -> int:
         """Tell how many entries of an origin's log are known."""
@@ -180,18 +132,16 @@ class Trails:
 
     def meet(self, sysid: int, now: float, shift_m: Shift) -> None:
         """Note that a peer is in radio range, and where its frame is in one's own."""
-        peer = self._peer(sysid)
-        if peer is not None:
-            peer.heard_s, peer.shift_m = now, shift_m
+        self._contacts.meet(sysid, now, shift_m)
 
     def summary(self) -> bytes:
         """Tell what is known, at most SUMMARY_BYTES: own log first, the others take turns."""
-        packed = bytearray([_VERSION])
+        packed = bytearray([VERSION])
         origins = list(self._logs)
         others = origins[1:]
         turn = self._turn % len(others) if others else 0
         for told, origin in enumerate([self.own, *others[turn:], *others[:turn]]):
-            pair = _varint(origin) + _varint(len(self._logs[origin].entries))
+            pair = varint(origin) + varint(len(self._logs[origin].entries))
             if len(packed) + len(pair) > SUMMARY_BYTES:
                 self._turn += told - 1
                 break
@@ -200,46 +150,33 @@ class Trails:
 
     def hear_summary(self, sysid: int, data: bytes) -> None:
         """Take what a peer says it knows."""
-        pairs = _pairs(data)
-        peer = self._peer(sysid)
+        pairs = read_summary(data)
         if pairs is None:
             self.malformed += 1
-        elif peer is not None and pairs:
-            peer.writes(pairs[0][0])
-            peer.known.update(pairs[:MOST_ORIGINS])
-            log = self._logs.get(pairs[0][0])
-            if log is not None and pairs[0][0] != self.own and peer.shift_m is not None:
-                log.shift_m = peer.shift_m
+            return
+        peer = self._contacts.hear_summary(sysid, pairs) if pairs else None
+        if peer is None or peer.shift_m is None:
+            return
+        origin = pairs[0][0]
+        log = self._logs.get(origin)
+        if log is not None and origin != self.own:
+            log.shift_m = peer.shift_m
+            self._offer(origin, log)
 
     # -- pieces --------------------------------------------------------------------------------
 
     def outbox(self, most: int, now: float) -> list[bytes]:
         """Give at most `most` payloads with what peers in contact lack, the largest lack first."""
-        near = [
-            peer
-            for peer in self._peers.values()
-            if peer.origin is not None and now - peer.heard_s <= CONTACT_S
-        ]
-        lacks = []
-        for origin, log in self._logs.items():
-            if near and log.shift_m is not None and max(map(abs, log.shift_m)) <= FAR_M:
-                length = len(log.entries)
-                if all(peer.known.get(origin, 0) >= length for peer in near):
-                    continue  # as with most logs, most of the time
-                begin = min(peer.has(origin, now) for peer in near)
-                if begin < length:
-                    lacks.append((begin - length, origin, begin))
         payloads: list[bytes] = []
-        for _, origin, start in sorted(lacks):
-            begin = start
-            log = self._logs[origin]
+        for lack in self._contacts.lacks(most, now):
+            if len(payloads) == most:
+                break
+            begin, log = lack.begin, self._logs[lack.origin]
             while begin < len(log.entries) and len(payloads) < most:
-                data, count = encode(origin, begin, log.shift_m or (), log.entries)
+                data, count = encode(lack.origin, begin, log.shift_m or (), log.entries)
                 payloads.append(data)
                 begin += count
-            for peer in near:
-                if start <= peer.has(origin, now) < begin:
-                    peer.sent[origin] = (begin, now)
+            self._contacts.sent(lack, begin, now)
         return payloads
 
     def hear_chunk(self, sysid: int, data: bytes, now: float) -> list[News]:
@@ -248,14 +185,12 @@ class Trails:
         if piece is None:
             self.malformed += 1
             return []
-        peer = self._peers.get(sysid)
+        peer = self._contacts.get(sysid)
         is_placed = peer is not None and now - peer.heard_s <= STALE_S
         if peer is None or not is_placed or peer.shift_m is None or self._is_full:
             self.dropped += 1
             return []
-        peer.known[piece.origin] = max(
-            peer.known.get(piece.origin, 0), piece.begin + len(piece.entries)
-        )
+        self._contacts.hear_piece(peer, piece.origin, piece.begin + len(piece.entries))
         if piece.origin == self.own:
             return []
         shift = tuple(
@@ -283,12 +218,13 @@ class Trails:
             fresh = log.waiting.pop(begin).entries[len(log.entries) - begin :]
             if fresh and len(log.entries) + len(fresh) <= MOST_ENTRIES:
                 news.append(log.extend(fresh, shift_m))
+        self._offer(piece.origin, log)
         return news
 
-    def _peer(self, sysid: int) -> _Peer | None:
-        if sysid not in self._peers and len(self._peers) >= MOST_ORIGINS:
-            return None
-        return self._peers.setdefault(sysid, _Peer())
+    def _offer(self, origin: int, log: _Log) -> None:
+        """Let peers be told of a log, unless its frame is unknown or too far off."""
+        is_near = log.shift_m is not None and max(map(abs, log.shift_m)) <= FAR_M
+        self._contacts.offer(origin, len(log.entries) if is_near else 0)
 
 
 def log_of(sysid: int, birth: int) -> int:
@@ -297,80 +233,3 @@ def log_of(sysid: int, birth: int) -> int:
     At birth 0 it is the sysid, which has 8 bits in MAVLink, and travels in one byte.
     """
     return (birth & MOST_BIRTH) << 8 | sysid
-
-
-def encode(origin: int, begin: int, shift_m: Shift, entries: Sequence[Entry]) -> tuple[bytes, int]:
-    """Pack as many entries from `begin` on as a payload takes; give it and their number.
-
-    Version and dimensions, origin, begin, shift, count, kinds (half a byte each), points.
-    """
-    dimensions = len(shift_m)
-    head = bytes([_VERSION << 4 | dimensions]) + _varint(origin) + _varint(begin)
-    shift = (max(-32767, min(32767, round(value * 100.0))) for value in shift_m)
-    head += struct.pack(f"<{dimensions}h", *shift)
-    room = PAYLOAD_BYTES - len(head) - 2
-    chosen = entries[begin : begin + 2 * room // (4 * dimensions + 1)]
-    kinds = [entry.kind for entry in chosen] + [0] * (len(chosen) % 2)
-    packed = bytes(low | high << 4 for low, high in zip(kinds[::2], kinds[1::2], strict=True))
-    points = [value for entry in chosen for value in entry.point_cm]
-    data = head + bytes([len(chosen)]) + packed + struct.pack(f"<{len(points)}h", *points)
-    return data, len(chosen)
-
-
-def decode(data: bytes, dimensions: int) -> Piece | None:
-    """Read a payload; None when it is none of ours or broken."""
-    try:
-        if data[0] != _VERSION << 4 | dimensions:
-            return None
-        origin, at = _read_varint(data, 1)
-        begin, at = _read_varint(data, at)
-        shift = struct.unpack_from(f"<{dimensions}h", data, at)
-        at += 2 * dimensions
-        count = data[at]
-        kinds = data[at + 1 : at + 1 + (count + 1) // 2]
-        numbers = struct.unpack_from(f"<{count * dimensions}h", data, at + 1 + len(kinds))
-    except (IndexError, ValueError, struct.error):
-        return None
-    entries = []
-    for index in range(count):
-        kind = kinds[index // 2] >> 4 * (index % 2) & 15
-        if kind > WALL_Z:
-            return None
-        entries.append(Entry(kind, numbers[index * dimensions : (index + 1) * dimensions]))
-    return Piece(origin, begin, shift, entries) if begin <= MOST_ENTRIES else None
-
-
-def _pairs(summary: bytes) -> list[tuple[int, int]] | None:
-    try:
-        numbers = list(_varints(summary[1:]))
-        pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
-    except (IndexError, ValueError):
-        return None
-    return pairs if summary[:1] == bytes([_VERSION]) else None
-
-
-def _varint(number: int) -> bytes:
-    packed = bytearray()
-    while number >= 128:
-        packed.append(number & 127 | 128)
-        number >>= 7
-    packed.append(number)
-    return bytes(packed)
-
-
-def _read_varint(data: bytes, at: int) -> tuple[int, int]:
-    number, shift = 0, 0
-    while data[at] >= 128:
-        number |= (data[at] & 127) << shift
-        shift += 7
-        at += 1
-        if shift > 28:
-            raise ValueError("a number of more than 35 bits")
-    return number | data[at] << shift, at + 1
-
-
-def _varints(data: bytes) -> Iterator[int]:
-    at = 0
-    while at < len(data):
-        number, at = _read_varint(data, at)
-        yield number

@@ -4,19 +4,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.explore.explorer import Explorer
-from swarm_ctl.explore.planner import PlannerParams
-from swarm_ctl.explore.trails import (
+from swarm_ctl.explore.pieces import (
     LINE,
     PAYLOAD_BYTES,
     START,
-    SUMMARY_BYTES,
     WALL_X,
     WALL_Z,
     Entry,
-    Trails,
     decode,
     encode,
 )
+from swarm_ctl.explore.planner import PlannerParams
+from swarm_ctl.explore.trails import SUMMARY_BYTES, Trails
 
 PARAMS = PlannerParams(kind="explore", period_s=1.0)
 HERE, THERE = (3.017, -1.023), (-2.033, 4.011)
@@ -194,7 +193,9 @@ def test_a_summary_of_a_large_swarm_takes_turns() -> None:
         summary = trails.summary()
         assert len(summary) <= SUMMARY_BYTES
         reader.hear_summary(300, summary)
-    known = reader._peers[300].known
+    peer = reader._contacts.get(300)
+    assert peer is not None
+    known = peer.known
     assert known[300] == 0
     assert all(known[origin] == 1 for origin in range(1, 120))
 

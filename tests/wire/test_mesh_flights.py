@@ -21,7 +21,7 @@ from mock_vehicle.testing import Plan, RealSwarm, Truth, launch
 from swarm_ctl import wire
 from swarm_ctl.agent.beacon import SUMMARY_TYPE
 from swarm_ctl.cli import main
-from swarm_ctl.explore.trails import _pairs
+from swarm_ctl.explore.pieces import read_summary
 
 pytestmark = pytest.mark.wire
 
@@ -111,7 +111,7 @@ class Fleet:
         for frame in wire.Parser(("TUNNEL",)).feed(tlog.read_bytes()):
             said = frame.values
             if frame.sysid == sysid and said.payload_type == SUMMARY_TYPE:
-                pairs = _pairs(said.payload[: said.payload_length]) or []
+                pairs = read_summary(said.payload[: said.payload_length]) or []
                 known.update((origin & 0xFF, length) for origin, length in pairs)
         return known
 

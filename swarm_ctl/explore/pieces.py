@@ -1,0 +1,116 @@
+"""How pieces of trails and summaries of them travel: a few bytes per entry of a log."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+START, LINE, WALL_X, WALL_Y, WALL_Z = range(5)
+"""Kinds of entries: a trail begins; goes on straight from its last point; walls by their axis."""
+
+PAYLOAD_BYTES = 120
+MOST_ENTRIES = 20_000
+"""Per origin; 20 minutes of the densest trail. More is somebody's mistake."""
+VERSION = 1
+
+Shift = tuple[float, ...]
+"""What to add to a position in another frame to have it in one's own, m. All axes lie along north
+by compass; with no compass this is where a rotation would have to go, too."""
+
+
+class Entry(NamedTuple):
+    """One line of a log."""
+
+    kind: int
+    point_cm: tuple[int, ...]
+    """In the frame of the log's origin."""
+
+
+class Piece(NamedTuple):
+    """A run of entries, as it travels."""
+
+    origin: int
+    begin: int
+    shift_cm: tuple[int, ...]
+    """From the origin's frame into the sender's."""
+    entries: list[Entry]
+
+
+def encode(origin: int, begin: int, shift_m: Shift, entries: Sequence[Entry]) -> tuple[bytes, int]:
+    """Pack as many entries from `begin` on as a payload takes; give it and their number.
+
+    Version and dimensions, origin, begin, shift, count, kinds (half a byte each), points.
+    """
+    dimensions = len(shift_m)
+    head = bytes([VERSION << 4 | dimensions]) + varint(origin) + varint(begin)
+    shift = (max(-32767, min(32767, round(value * 100.0))) for value in shift_m)
+    head += struct.pack(f"<{dimensions}h", *shift)
+    room = PAYLOAD_BYTES - len(head) - 2
+    chosen = entries[begin : begin + 2 * room // (4 * dimensions + 1)]
+    kinds = [entry.kind for entry in chosen] + [0] * (len(chosen) % 2)
+    packed = bytes(low | high << 4 for low, high in zip(kinds[::2], kinds[1::2], strict=True))
+    points = [value for entry in chosen for value in entry.point_cm]
+    data = head + bytes([len(chosen)]) + packed + struct.pack(f"<{len(points)}h", *points)
+    return data, len(chosen)
+
+
+def decode(data: bytes, dimensions: int) -> Piece | None:
+    """Read a payload; None when it is none of ours or broken."""
+    try:
+        if data[0] != VERSION << 4 | dimensions:
+            return None
+        origin, at = _read_varint(data, 1)
+        begin, at = _read_varint(data, at)
+        shift = struct.unpack_from(f"<{dimensions}h", data, at)
+        at += 2 * dimensions
+        count = data[at]
+        kinds = data[at + 1 : at + 1 + (count + 1) // 2]
+        numbers = struct.unpack_from(f"<{count * dimensions}h", data, at + 1 + len(kinds))
+    except (IndexError, ValueError, struct.error):
+        return None
+    entries = []
+    for index in range(count):
+        kind = kinds[index // 2] >> 4 * (index % 2) & 15
+        if kind > WALL_Z:
+            return None
+        entries.append(Entry(kind, numbers[index * dimensions : (index + 1) * dimensions]))
+    return Piece(origin, begin, shift, entries) if begin <= MOST_ENTRIES else None
+
+
+def read_summary(summary: bytes) -> list[tuple[int, int]] | None:
+    """Give the origins and lengths of logs that a summary tells; None when it is broken."""
+    try:
+        numbers = list(_varints(summary[1:]))
+        pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
+    except (IndexError, ValueError):
+        return None
+    return pairs if summary[:1] == bytes([VERSION]) else None
+
+
+def varint(number: int) -> bytes:
+    """Pack a number, seven bits a byte, the lowest first."""
+    packed = bytearray()
+    while number >= 128:
+        packed.append(number & 127 | 128)
+        number >>= 7
+    packed.append(number)
+    return bytes(packed)
+
+
+def _read_varint(data: bytes, at: int) -> tuple[int, int]:
+    number, shift = 0, 0
+    while data[at] >= 128:
+        number |= (data[at] & 127) << shift
+        shift += 7
+        at += 1
+        if shift > 28:
+            raise ValueError("a number of more than 35 bits")
+    return number | data[at] << shift, at + 1
+
+
+def _varints(data: bytes) -> Iterator[int]:
+    at = 0
+    while at < len(data):
+        number, at = _read_varint(data, at)
+        yield number
