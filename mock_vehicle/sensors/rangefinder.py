@@ -95,11 +95,7 @@ class Rangefinders:
         `near` are the (hearer, other) index pairs close enough to be seen as obstacles.
         """
         ring = Ring(position_ned_m, yaw_rad, RING)
-        world.scan(ring, self.range_max_m)
-        upright = world.plumb(position_ned_m, self.range_max_m)
-        seer, seen = near
-        if len(seer):
-            _see_bodies(ring, upright, seer, position_ned_m[seen] - position_ned_m[seer])
+        upright = world.look(ring, self.range_max_m, near, BODY_RADIUS_M)
         sensors = np.column_stack((fold(ring.ranges_m), upright))
         if self._noise_m > 0.0:
             sensors += self._rng.normal(0.0, self._noise_m, sensors.shape)
@@ -116,16 +112,3 @@ class Rangefinders:
         np.maximum(measured_m, RANGE_MIN_M, out=measured_m)
         measured_m[measured_m > self.range_max_m] = math.inf
         return measured_m
-
-
-def _see_bodies(ring: Ring, upright: FLOATS, seer: NDArray[np.intp], toward_m: FLOATS) -> None:
-    """Stop rays at the spheres of other bodies, (p, 3) away from their seers."""
-    square = BODY_RADIUS_M**2 - toward_m[:, 2] ** 2
-    (beside,) = np.nonzero(square > 0.0)
-    ring.meet_discs(seer[beside], toward_m[beside, :2], np.sqrt(square[beside]))
-    square = BODY_RADIUS_M**2 - np.einsum("pc,pc->p", toward_m[:, :2], toward_m[:, :2])
-    for pair in np.nonzero(square > 0.0)[0].tolist():
-        down_m = toward_m[pair, 2]
-        row, column = seer[pair], int(down_m > 0.0)
-        reach = max(abs(down_m) - math.sqrt(square[pair]), 0.0)
-        upright[row, column] = min(upright[row, column], reach)

@@ -5,6 +5,8 @@ Files are floor plans (x east, y north, z up, degrees); everything here is NED, 
 
 from __future__ import annotations
 
+import importlib.util
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -76,6 +78,12 @@ class World:
         self._map = chart
         self.low_ned_m, self.high_ned_m = self._bounds()
         self._room = self._planes()
+        self._loops: ModuleType | None = None
+
+    def compile(self) -> None:
+        """Look around by loops that numba compiles, where it is installed; not so with a map."""
+        if self._map is None and importlib.util.find_spec("numba") is not None:
+            self._loops = importlib.import_module("mock_vehicle.world.loops")
 
     def _bounds(self) -> tuple[Floats, Floats]:
         """Find the box around the world; under open sky it ends at the tallest solid or 3 m."""
@@ -128,6 +136,29 @@ class World:
             ring.meet(chart.reshape(ring.ranges_m.shape))
         ring.ranges_m[ring.ranges_m > max_range_m] = np.inf
 
+    def look(
+        self, ring: Ring, max_range_m: float, bodies: tuple[Ints, Ints], radius_m: float
+    ) -> Floats:
+        """Stop level rays as `scan` does, and measure up and down as `plumb` does, (n, 2).
+
+        The others, of (seer, seen) indices, are spheres.
+        """
+        loops, room = self._loops, self._room
+        solids = None if loops is None else self._shapes.solids(ring.origins_m)
+        if loops is None or solids is None:
+            self.scan(ring, max_range_m)
+            upright = self.plumb(ring.origins_m, max_range_m)
+            if len(bodies[0]):
+                ring.meet_spheres(upright, *bodies, radius_m)
+            return upright
+        upright = np.empty((len(ring.origins_m), 2))
+        reach = (max_range_m, max_range_m**2)
+        rays = (ring.north, ring.east, ring.ranges_m, upright)
+        loops.look(*reach, ring.origins_m, room.low_m, room.high_m, *solids, *rays)
+        if len(bodies[0]):
+            loops.see_bodies(radius_m**2, ring.origins_m, *bodies, *rays)
+        return upright
+
     def plumb(self, points_m: Floats, max_range_m: float) -> Floats:
         """Measure (n, 2) distances straight up and down from (n, 3) points, as `cast` would, m."""
         distance = np.minimum(self._room.plumb(points_m), self._shapes.plumb(points_m))
@@ -142,7 +173,14 @@ class World:
         Negative or 0 inside, in an outer wall and above the ceiling; at most 2 m (a cap). Beside
         the cells of a map right to 0.71 of a cell, else exact.
         """
-        nearest = np.minimum(self._room.clearance(points_m), self._shapes.clearance(points_m))
+        loops, room = self._loops, self._room
+        solids = None if loops is None else self._shapes.solids(points_m)
+        if loops is not None and solids is not None:
+            nearest = np.empty(len(points_m))
+            shapes = (solids.boxes, solids.box_sizes, *solids[3:6])
+            loops.clear(CLEARANCE_CAP_M, points_m, room.low_m, room.high_m, *shapes, nearest)
+            return nearest
+        nearest = np.minimum(room.clearance(points_m), self._shapes.clearance(points_m))
         if self._map is not None:
             np.minimum(nearest, self._map.clearance(points_m), out=nearest)
         return np.minimum(nearest, CLEARANCE_CAP_M, out=nearest)

@@ -73,6 +73,21 @@ class Ring:
         missed = (square <= 0.0) | (along + root <= 0.0)
         self._stop(ray, along - root, missed)
 
+    def meet_spheres(
+        self, upright_m: Floats, owner: Indices, other: Indices, radius_m: float
+    ) -> None:
+        """Stop the rays of origins (q,), and their beams up and down (n, 2), at other origins."""
+        toward_m = self.origins_m[other] - self.origins_m[owner]
+        square = radius_m**2 - toward_m[:, 2] ** 2
+        (beside,) = np.nonzero(square > 0.0)
+        self.meet_discs(owner[beside], toward_m[beside, :2], np.sqrt(square[beside]))
+        square = radius_m**2 - np.einsum("pc,pc->p", toward_m[:, :2], toward_m[:, :2])
+        for pair in np.nonzero(square > 0.0)[0].tolist():
+            down_m = toward_m[pair, 2]
+            row, column = owner[pair], int(down_m > 0.0)
+            reach = max(abs(down_m) - math.sqrt(square[pair]), 0.0)
+            upright_m[row, column] = min(upright_m[row, column], reach)
+
     def meet_boxes(
         self, owner: Indices, place_m: Floats, half_m: Floats, axes_ne: tuple[Floats, Floats]
     ) -> None:

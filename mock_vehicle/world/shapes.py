@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,25 @@ class Prism:
         return drawn
 
 
+class Solids(NamedTuple):
+    """What compiled loops take of m boxes and k cylinders, seen from n points."""
+
+    boxes: Floats
+    """Offsets from the middle of every box along its own axes, (n, 3, m)."""
+    box_sizes: Floats
+    """(3, m)."""
+    box_axes: Floats
+    """North and east of its x axis, then of its y axis, (m, 4)."""
+    cylinders: Floats
+    """(n, 3, k), as the boxes."""
+    cylinders_away: Floats
+    """Level distances from the middles, (n, k)."""
+    cylinder_sizes: Floats
+    """(3, k)."""
+    cylinder_middles: Floats
+    """North and east, (2, k)."""
+
+
 class Shapes:
     """Upright solids in arrays; NED, metres."""
 
@@ -65,6 +85,7 @@ class Shapes:
         self.prisms = prisms
         self._boxes = _Columns([p for p in prisms if not p.round])
         self._cylinders = _Columns([p for p in prisms if p.round])
+        self._box_axes = np.ascontiguousarray(np.concatenate(self._boxes.axes).T)
 
     def cast(self, origins_m: Floats, directions: Floats) -> Floats:
         """Measure (r,) distances along (r, 3) rays to the nearest shape; 0 inside, inf for none."""
@@ -88,6 +109,23 @@ class Shapes:
             near, far = (np.concatenate(ends, axis=1) for ends in zip(*spans, strict=True))
             counts[rows] = _separate(near, far)
         return counts
+
+    def solids(self, points_m: Floats) -> Solids | None:
+        """Look at all shapes from (n, 3) points; None where that is too much at once."""
+        boxes, cylinders = self._boxes, self._cylinders
+        if len(points_m) * max(boxes.count, cylinders.count) > _CHUNK:
+            return None
+        offsets = cylinders.offsets(points_m)
+        away = np.hypot(offsets[:, 0], offsets[:, 1])
+        return Solids(
+            boxes.offsets(points_m),
+            boxes.size,
+            self._box_axes,
+            offsets,
+            away,
+            cylinders.size,
+            cylinders.center_ne,
+        )
 
     def scan(self, ring: Ring, max_range_m: float) -> None:
         """Stop level rays at the shapes within the range."""
@@ -149,8 +187,8 @@ class _Columns:
 
     def offsets(self, points_m: Floats) -> Floats:
         """Turn (n, 3) points into (n, 3, m) coordinates from every shape's middle, x, y, down."""
-        own = points_m @ self._own.reshape(3, -1)
-        offsets: Floats = own.reshape(-1, 3, self.count)
+        own = points_m @ self._own.reshape(3, 3 * self.count)
+        offsets: Floats = own.reshape(len(points_m), 3, self.count)
         offsets -= self._middle
         return offsets
 

@@ -367,6 +367,38 @@ def compare_scan_with_cast(world: World, rng: np.random.Generator, n: int) -> No
     np.testing.assert_allclose(world.plumb(origins, 8.0).ravel(), up_and_down, atol=1e-6)
 
 
+@settings(max_examples=60, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+@given(plan=plans, seed=st.integers(0, 1000), n=st.integers(1, 30))
+def test_compiled_loops_look_around_as_the_others_bit_for_bit(
+    tmp_path_factory: pytest.TempPathFactory, plan: dict[str, Any], seed: int, n: int
+) -> None:
+    path = write(tmp_path_factory.mktemp("plan"), **json.loads(json.dumps(plan)))
+    compare_compiled_with_plain(path, np.random.default_rng(seed), n)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_compiled_loops_look_around_in_a_shipped_world_bit_for_bit(path: Path) -> None:
+    for n in (1, 2, 5, 100):
+        compare_compiled_with_plain(path, np.random.default_rng(n), n)
+
+
+def compare_compiled_with_plain(path: Path, rng: np.random.Generator, n: int) -> None:
+    """From anywhere, many among others; some at the very corner of a world or of a grid."""
+    pytest.importorskip("numba")
+    plain, fast = load_world(path), load_world(path)
+    fast.compile()
+    origins = rng.uniform(plain.low_ned_m - 0.3, plain.high_ned_m + 0.3, (n, 3))
+    origins[: n // 3] = np.round(origins[: n // 3], 1)
+    origins[n // 2 :] = origins[n // 2] + rng.normal(0.0, 0.5, (n - n // 2, 3))
+    noses = rng.choice([0.0, math.pi / 2, -math.pi, 1.0, 2.5], n)
+    seer, seen = np.nonzero(~np.eye(n, dtype=bool))
+    one, other = Ring(origins, noses, 72), Ring(origins, noses, 72)
+    upright = plain.look(one, 8.0, (seer, seen), 0.3)
+    np.testing.assert_array_equal(fast.look(other, 8.0, (seer, seen), 0.3), upright)
+    np.testing.assert_array_equal(other.ranges_m, one.ranges_m)
+    np.testing.assert_array_equal(fast.clearance(origins), plain.clearance(origins))
+
+
 def test_a_scan_in_a_row_with_walls_is_no_matter_of_division(build: Build) -> None:
     room = build(boxes=[{"center_m": [10, 5], "size_m": [2, 2]}])
     ring = Ring(np.vstack([ned(5, 3), ned(8, 1), ned(11, 5), ned(10, 5)]), np.zeros(4), 4)
