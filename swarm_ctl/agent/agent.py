@@ -34,7 +34,7 @@ from swarm_ctl.agent.phases import (
 )
 from swarm_ctl.agent.regain import HAS_LANDED, STILL_LANDING
 from swarm_ctl.agent.sender import Sender
-from swarm_ctl.agent.sharing import Sharing
+from swarm_ctl.agent.sharing import SCAN_M, Sharing
 from swarm_ctl.agent.victims import VICTIMS_TYPE, Victims
 from swarm_ctl.agent.watch import TIME_OVER, Vigil, missing, watch
 from swarm_ctl.autopilot import command as commands
@@ -199,7 +199,7 @@ class Agent:
             self.telemetry.forget_news()  # which goes on as long as the vehicle does
             return b""
         self._digest()
-        acks = [self.sender.acknowledge(ack) for ack in self.inbox.answer(partial(obey, self), now)]
+        acks = self._obeyed(now) if self.inbox.has_any else []
         if not self.is_ended:  # by an order
             watch(self)
         velocity = None if self.is_ended else DUTIES[self.phase](self)
@@ -343,6 +343,11 @@ class Agent:
         known = self._sharing.explorer.way_to(place[:d], flown[-1][:d])
         return [_vec3(corner, place.z) for corner in known] or flown
 
+    def _obeyed(self, now: float) -> list[bytes]:
+        """Do what ground stations have ordered since the last tick; give the acknowledgements."""
+        answers = self.inbox.answer(partial(obey, self), now)
+        return [self.sender.acknowledge(ack) for ack in answers]
+
     # -- taking in -----------------------------------------------------------------------------
 
     def _hear(self, frame: wire.Frame, now: float) -> None:
@@ -414,9 +419,9 @@ class Agent:
     def _look_around(self, sharing: Sharing, peers_m: Sequence[Vec3]) -> None:
         """Show the explorer what the scanner saw since the last plan."""
         telemetry = self.telemetry
-        if telemetry.scan_s > self._scanned_s:
+        if telemetry.scan is not None and telemetry.scan_s > self._scanned_s:
             self._scanned_s = telemetry.scan_s
-            sharing.see(telemetry.scan_m, telemetry.position_ned_m, peers_m)
+            sharing.see(telemetry.scan.hits(SCAN_M), telemetry.position_ned_m, peers_m)
 
     def _answered(self, answer: Answer | None) -> None:
         if answer is None or answer.is_accepted:
@@ -497,11 +502,10 @@ class Agent:
         place, velocity_now = telemetry.position_ned_m, telemetry.velocity_ned_m_s
         late_s = max(0.0, telemetry.timesync.round_trip_s(self.now) - ROUND_TRIP_S)
         motion = Motion(place, velocity_now, telemetry.yaw_rad, late_s)
-        fresh_s = self.now - self.orders.limits.range_stale_s
-        ranges = [
-            value if heard_s >= fresh_s else math.inf
-            for value, heard_s in zip(telemetry.ranges_m, telemetry.ranges_s, strict=True)
-        ]
+        ranges, fresh_s = telemetry.ranges_m, self.now - self.orders.limits.range_stale_s
+        if min(telemetry.ranges_s) < fresh_s:
+            told = zip(ranges, telemetry.ranges_s, strict=True)
+            ranges = [value if heard_s >= fresh_s else math.inf for value, heard_s in told]
         knows_place = self.now - telemetry.position_s <= self.orders.limits.link_hold_s
         within_m = self.orders.limits.separation_m + MOST_DOUBT_M
         zones = self.peers.zones(place, within_m, self.now)

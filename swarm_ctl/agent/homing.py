@@ -150,5 +150,6 @@ class Homeward:
 
 
 def _cell(position: Vec3) -> Cell:
-    x, y, z = (math.floor(value / CELL_M + 0.5) for value in position)
-    return x, y, z
+    x, y, z = position
+    floor = math.floor
+    return floor(x / CELL_M + 0.5), floor(y / CELL_M + 0.5), floor(z / CELL_M + 0.5)

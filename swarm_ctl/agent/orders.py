@@ -178,6 +178,11 @@ class Inbox:
             is_copy = frame.id == _COMMAND_LONG and values.confirmation > 0
             self._waiting.append((request, is_copy))
 
+    @property
+    def has_any(self) -> bool:
+        """Whether a command waits to be obeyed."""
+        return bool(self._waiting)
+
     def forget(self) -> None:
         """Take what comes next for no copy: something else was ordered meanwhile."""
         self._obeyed = None

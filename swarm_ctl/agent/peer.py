@@ -107,6 +107,12 @@ class Peer:
         self.beacon, self.beacon_s, self.shift = None, -math.inf, None
         self.heard_s.clear()
 
+    def is_fresh(self, now: float) -> bool:
+        """Whether anything was measured of it, or told by it, within `FRESH_S`."""
+        if now - self.beacon_s <= FRESH_S:
+            return True
+        return self.track is not None and now - self.track.fixed_s <= FRESH_S
+
     def is_known(self, now: float) -> bool:
         """Whether its place was measured, or told in a shared frame, just now."""
         return self._is_told(now) or self._is_tracked(now)

@@ -41,6 +41,11 @@ class PeerTable:
         self._ranging = ranging or RangingParams()
         self._flown = flight.acceleration_m_s2, flight.speed_m_s
         self._peers: dict[int, Peer] = {}
+        self._fresh: dict[int, Peer] = {}
+        """Those of whom anything was heard or measured within `FRESH_S`, and no longer ago than
+        the last look: nobody else can be known, however many were met."""
+        self._silent: list[Peer] | None = None
+        """Who is no longer heard but may still be near; None when that has to be found out."""
         self._contacts: tuple[int, ...] = ()
         self._heard: tuple[int, ...] = ()
         self._heard_s = math.nan
@@ -116,21 +121,26 @@ class PeerTable:
     def zones(self, own_ned_m: Vec3, within_m: float, now: float) -> list[Neighbour]:
         """Give where peers may be that fell silent lately, so near to here."""
         heard = self.heard(now)
-        if len(heard) == len(self._peers):
+        if self._silent is None:
+            others = (peer for sysid, peer in self._peers.items() if sysid not in heard)
+            self._silent = [peer for peer in others if peer.last is not None]
+        if not self._silent:
             return []
-        silent = (
-            peer
-            for sysid, peer in self._peers.items()
-            if peer.last is not None and sysid not in heard
-        )
-        zones = (peer.zone(own_ned_m, within_m, now) for peer in silent)
+        zones = [peer.zone(own_ned_m, within_m, now) for peer in self._silent]
+        self._silent = [peer for peer in self._silent if peer.last is not None]
         return [zone for zone in zones if zone is not None]
 
     def heard(self, now: float) -> tuple[int, ...]:
         """Give the sysids of peers whose place is known, in order."""
         if now != self._heard_s:
-            known = [sysid for sysid, peer in self._peers.items() if peer.is_known(now)]
-            self._heard, self._heard_s = tuple(sorted(known)), now
+            known = [sysid for sysid, peer in self._fresh.items() if peer.is_known(now)]
+            if len(known) < len(self._fresh):
+                fresh = self._fresh.items()
+                self._fresh = {sysid: peer for sysid, peer in fresh if peer.is_fresh(now)}
+            known.sort()
+            heard, self._heard_s = tuple(known), now
+            if heard != self._heard:
+                self._heard, self._silent = heard, None
         return self._heard
 
     def announced(self, now: float) -> tuple[int, ...]:
@@ -159,7 +169,7 @@ class PeerTable:
 
     def met(self, now: float) -> list[Meeting]:
         """Give the peers whose place is known in both frames just now, by sysid."""
-        meetings = (peer.meeting(sysid, now) for sysid, peer in sorted(self._peers.items()))
+        meetings = (peer.meeting(sysid, now) for sysid, peer in sorted(self._fresh.items()))
         return [meeting for meeting in meetings if meeting is not None]
 
     def contacts(self, now: float) -> tuple[list[int], list[int]]:
@@ -172,17 +182,19 @@ class PeerTable:
 
     def doubts(self, own_ned_m: Vec3, now: float) -> list[tuple[int, float]]:
         """Tell, once for each peer, who is measured elsewhere than it says, by how many metres."""
-        apart = [
-            (sysid, self._peers[sysid].apart_m(own_ned_m, now))
-            for sysid in self.heard(now)
-            if self._peers[sysid].shift is not None and sysid not in self._doubted
-        ]
-        found = [(sysid, apart_m) for sysid, apart_m in apart if apart_m > AGREE_M]
-        self._doubted.update(sysid for sysid, _ in found)
+        found = []
+        for sysid in self.heard(now):
+            peer = self._peers[sysid]
+            if peer.shift is not None and sysid not in self._doubted:
+                apart_m = peer.apart_m(own_ned_m, now)
+                if apart_m > AGREE_M:
+                    self._doubted.add(sysid)
+                    found.append((sysid, apart_m))
         return found
 
     def _peer(self, sysid: int) -> Peer:
         peer = self._peers.get(sysid)
         if peer is None:
             peer = self._peers[sysid] = Peer(*self._flown)
+        self._fresh[sysid] = peer
         return peer

@@ -21,6 +21,10 @@ _SET_ORIGIN = wire.message("SET_GPS_GLOBAL_ORIGIN")
 _TIMESYNC = wire.message("TIMESYNC")
 _TUNNEL = wire.message("TUNNEL")
 
+_MOVE_AND_TURN = Target(velocity_m_s=ZERO, yaw_rad=0.0)
+"""What every setpoint in flight asks for; its mask is the same for all."""
+_FRAME, _MASK = int(_MOVE_AND_TURN.frame), _MOVE_AND_TURN.mask
+_NONE = 0.0, 0.0, 0.0
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _STATE_ACTIVE, _MAVLINK_VERSION = 18, 8, 4, 3
 
 
@@ -57,11 +61,16 @@ class Sender:
 
     def setpoint(self, wanted: Setpoint, now: float) -> bytes:
         """Demand velocity and heading in the vehicle's local NED frame; no number is a stop."""
-        velocity, yaw_rad = wanted.velocity_ned_m_s, wanted.yaw_rad
+        velocity, yaw_rad = wanted
         is_one = all(map(math.isfinite, velocity))
         turned = turn(velocity, -self._yaw_offset_rad) if is_one else ZERO
-        yaw = wrap_rad(yaw_rad - self._yaw_offset_rad) if math.isfinite(yaw_rad) else None
-        return self._target(Target(velocity_m_s=turned, yaw_rad=yaw), now)
+        if not math.isfinite(yaw_rad):
+            return self._target(Target(velocity_m_s=turned), now)
+        yaw = wrap_rad(yaw_rad - self._yaw_offset_rad) or 0.0  # which takes the sign off a zero
+        boot_ms, whom = int(now * 1000.0) & 0xFFFFFFFF, (self.sysid, AUTOPILOT_COMPONENT)
+        return self._pack(
+            *(_SETPOINT, boot_ms, *whom, _FRAME, _MASK), *_NONE, *turned, *_NONE, yaw, 0.0
+        )
 
     def target(self, wanted: Target, now: float, pilot: Autopilot | None = None) -> bytes:
         """Ask for a target; ValueError says why an autopilot would not fly it as it is meant."""

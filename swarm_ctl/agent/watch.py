@@ -173,7 +173,7 @@ def _watch_trouble(agent: Agent, judged: Verdict | None) -> None:
 def _watch_peers(agent: Agent) -> None:
     """Note a peer at less than half of the separation; the last word pushes the two apart."""
     separation_m = agent.orders.limits.separation_m
-    nearest_m = min((math.hypot(*peer.offset_ned_m) for peer in agent.neighbours), default=math.inf)
+    nearest_m = min([math.hypot(*at) for at, _, _ in agent.neighbours], default=math.inf)
     if nearest_m < 0.5 * separation_m and not agent.vigil.is_crowded:
         agent.vigil.is_crowded = True
         agent.note("PeerTooClose", distance_m=round(nearest_m, 2))

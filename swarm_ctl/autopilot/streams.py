@@ -25,7 +25,8 @@ class Streams:
         """By id: when a message that has not come is missing."""
         self._flowing_until_s = -math.inf
         """Until then nothing that flows now can be missing."""
-        self._heard_s: dict[int, float] = {}
+        self.heard_s: dict[int, float] = {}
+        """When a message was heard last, by its id; who hears one writes it here."""
         self._asked: set[str] = set()
         self._refused_s: dict[str, float] = {}
         self._next_s = -math.inf
@@ -39,10 +40,6 @@ class Streams:
         }
         self._flowing_until_s = -math.inf
 
-    def heard(self, number: int, now: float) -> None:
-        """Note a message by its id."""
-        self._heard_s[number] = now
-
     def refused(self, wanted: Command, now: float) -> None:
         """Note that a request was refused: the autopilot does not know the message, or not yet."""
         self._refused_s[wire.message(int(wanted.parameters[0])).name] = now
@@ -51,7 +48,7 @@ class Streams:
         """Name the wanted messages that do not flow, or no longer."""
         if now < self._flowing_until_s:
             return []
-        last_s = [self._heard_s.get(number, -math.inf) for number in self._patience_s]
+        last_s = [self.heard_s.get(number, -math.inf) for number in self._patience_s]
         waits = list(zip(self._rates_hz, last_s, self._patience_s.values(), strict=True))
         self._flowing_until_s = min((last + wait for _, last, wait in waits), default=-math.inf)
         return [name for name, last, wait in waits if now - last > wait]
@@ -61,7 +58,7 @@ class Streams:
 
         At the start each is asked for once though it may flow already, at another rate.
         """
-        if now < self._next_s:
+        if now < self._next_s or (now < self._flowing_until_s and not starts):
             return []
         fresh = [name for name in self._rates_hz if name not in self._asked] if starts else ()
         asks = dict.fromkeys([*fresh, *self.missing(now)])

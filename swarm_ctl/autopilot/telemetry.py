@@ -10,7 +10,7 @@ from swarm_ctl import wire
 from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT, RADIO_COMPONENT
 from swarm_ctl.autopilot.status import MOST_NEWS, Status
 from swarm_ctl.autopilot.timesync import Timesync
-from swarm_ctl.frames import Geodetic, body_to_ned, rotate, turn, wrap_rad
+from swarm_ctl.frames import Geodetic, body_to_ned, rotate, wrap_rad
 from swarm_ctl.model import ZERO, Vec3
 
 SUBSCRIBED = (
@@ -84,6 +84,33 @@ class VictimFix(NamedTuple):
     """In the vehicle's own local frame."""
 
 
+class Scan(NamedTuple):
+    """What a level scanner told, as it told it."""
+
+    first_rad: float
+    """Bearing of the first distance, clockwise from north."""
+    increment_rad: float
+    nearest_cm: int
+    """Distances from here to `farthest_cm` were measured, others mean nothing."""
+    farthest_cm: int
+    distances_cm: tuple[int, ...]
+
+    def hits(self, within_m: float) -> list[Vec3]:
+        """Give what it hit, from the vehicle, level, along north and east.
+
+        What lies farther than `within_m`, rounded up, is left out: only few hits are worth the
+        sines and cosines.
+        """
+        first, increment, nearest, farthest, distances = self
+        farthest = min(farthest, math.ceil(within_m * 100.0))
+        return [
+            Vec3(cm * 0.01 * math.cos(bearing), cm * 0.01 * math.sin(bearing), 0.0)
+            for index, cm in enumerate(distances)
+            if nearest <= cm <= farthest
+            for bearing in (first + index * increment,)
+        ]
+
+
 class Telemetry(Status):
     """Latest values of one vehicle; times are mission time, -inf for never."""
 
@@ -105,8 +132,7 @@ class Telemetry(Status):
         self.timesync = Timesync()
         self.ranges_m = [math.inf] * 6
         self.ranges_s = [-math.inf] * 6
-        self.scan_m: list[Vec3] = []
-        """What the scanner hit, from the vehicle, level, along north and east."""
+        self.scan: Scan | None = None
         self.scan_s = -math.inf
         self.jump_m = 0.0
         """By how much the estimate jumped last, and when."""
@@ -116,6 +142,7 @@ class Telemetry(Status):
         self.peer_fixes: deque[PeerFix] = deque(maxlen=MOST_NEWS)
         self.victim_fixes: deque[VictimFix] = deque(maxlen=MOST_NEWS)
         self._yaw_offset_rad = yaw_offset_rad
+        self._cos, self._sin = math.cos(yaw_offset_rad), math.sin(yaw_offset_rad)
         self._listen(
             {
                 "ATTITUDE": self._attitude,
@@ -159,7 +186,7 @@ class Telemetry(Status):
         _, compid, _, number, values, _ = frame
         if compid == AUTOPILOT_COMPONENT:
             self.heard_s = now
-            self.streams.heard(number, now)
+            self.streams.heard_s[number] = now
             handler = self._handlers.get(number)
             if handler is not None:
                 handler(values, now)
@@ -171,7 +198,7 @@ class Telemetry(Status):
     def _is_repeated(self, message: str, boot_ms: int) -> bool:
         """Whether a stream has stopped and says the same again and again, or was overtaken."""
         before = self._boot_ms.get(message, 0)
-        if _is_overtaken(boot_ms, before):
+        if boot_ms < before and _is_overtaken(boot_ms, before):
             return True
         self._boot_ms[message] = boot_ms
         return boot_ms == before != 0
@@ -187,14 +214,16 @@ class Telemetry(Status):
             self._attitudes.append((now, self.attitude_rad))
 
     def _local_position(self, values: Any, now: float) -> None:
-        place = turn(Vec3(values.x, values.y, values.z), self._yaw_offset_rad)
-        velocity = turn(Vec3(values.vx, values.vy, values.vz), self._yaw_offset_rad)
-        start = self.start_ned_m
-        position = Vec3(place.x - start.x, place.y - start.y, place.z - start.z)
-        is_repeated = self._is_repeated("LOCAL_POSITION_NED", values.time_boot_ms)
-        if any(velocity):  # no estimate of who flies says the same twice: this telemetry hangs
-            is_repeated |= (position, velocity) == (self.position_ned_m, self.velocity_ned_m_s)
-        if is_repeated or not all(map(math.isfinite, (*position, *velocity))):
+        boot_ms, x, y, z, vx, vy, vz = values
+        is_repeated = self._is_repeated("LOCAL_POSITION_NED", boot_ms)
+        if is_repeated or not math.isfinite(x + y + z + vx + vy + vz):
+            return
+        (start_x, start_y, start_z), c, s = self.start_ned_m, self._cos, self._sin
+        position = Vec3(c * x - s * y - start_x, s * x + c * y - start_y, z - start_z)
+        velocity = Vec3(c * vx - s * vy, s * vx + c * vy, vz)
+        # no estimate of who flies says the same twice: this telemetry hangs
+        hangs = position == self.position_ned_m and velocity == self.velocity_ned_m_s
+        if hangs and any(velocity):
             return
         age_s = now - self.position_s
         if age_s < JUMP_WITHIN_S:
@@ -209,12 +238,16 @@ class Telemetry(Status):
             self.timesync.answered(values.ts1, now)
 
     def _distance(self, values: Any, now: float) -> None:
-        boot_ms, _, farthest_cm, distance_cm, _, _, orientation, *_ = values
+        boot_ms, _, farthest_cm, distance_cm, _, _, orientation = values[:7]
         index = RANGE_BY_ORIENTATION.get(orientation)
-        if index is not None and not _is_overtaken(boot_ms, self._ranges_boot_ms[index]):
-            self._ranges_boot_ms[index] = boot_ms
-            self.ranges_m[index] = math.inf if distance_cm >= farthest_cm else distance_cm * 0.01
-            self.ranges_s[index] = now
+        if index is None:
+            return
+        last_ms = self._ranges_boot_ms[index]
+        if boot_ms < last_ms and _is_overtaken(boot_ms, last_ms):
+            return
+        self._ranges_boot_ms[index] = boot_ms
+        self.ranges_m[index] = math.inf if distance_cm >= farthest_cm else distance_cm * 0.01
+        self.ranges_s[index] = now
 
     def _scan(self, values: Any, now: float) -> None:
         increment = math.radians(values.increment_f or values.increment)
@@ -223,14 +256,8 @@ class Telemetry(Status):
             return
         if abs(self.yaw_rate_rad_s) > STEADY_RAD_S:
             return
-        self.scan_s = now
-        nearest, farthest = values.min_distance, values.max_distance
-        self.scan_m = [
-            Vec3(cm * 0.01 * math.cos(bearing), cm * 0.01 * math.sin(bearing), 0.0)
-            for index, cm in enumerate(values.distances)
-            if nearest <= cm <= farthest
-            for bearing in (first + index * increment,)
-        ]
+        limits_cm = values.min_distance, values.max_distance
+        self.scan, self.scan_s = Scan(first, increment, *limits_cm, values.distances), now
 
     def _peer_distance(self, values: Any, now: float) -> None:
         if values.orientation != CUSTOM_ORIENTATION or not values.id:

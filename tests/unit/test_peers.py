@@ -295,6 +295,26 @@ def test_one_that_was_far_off_or_on_its_way_down_leaves_no_zone() -> None:
     assert met_and_lost(phase=Phase.HOLDING).zones(ZERO, 1.5, 2.5) != []
 
 
+def test_one_that_was_back_for_a_moment_while_nobody_asked_leaves_a_zone_again() -> None:
+    table = met_and_lost()
+    assert table.zones(ZERO, 1.5, 1.0 + ZONE_S + 0.1) == []
+    table.fix([PeerFix(7, Vec3(1.2, 0.0, 0.0), 10.0)], ZERO, ZERO, 10.0)
+    assert len(table.near(ZERO, 10.0)) == 1
+    assert len(table.zones(ZERO, 1.5, 11.5)) == 1
+
+
+def test_one_that_comes_back_is_heard_again_however_it_is_told_of() -> None:
+    table = met_and_lost()
+    assert table.heard(30.0) == ()
+    assert table.met(30.0) == []
+    table.beacon(7, beacon(), 31.0, Shift(ZERO))
+    assert table.heard(31.0) == (7,)
+    assert [met.sysid for met in table.met(31.0)] == [7]
+    assert table.heard(40.0) == ()
+    table.fix([PeerFix(7, Vec3(1.2, 0.0, 0.0), 41.0)], ZERO, ZERO, 41.0)
+    assert table.heard(41.0) == (7,)
+
+
 def test_a_zone_stays_where_the_peer_was_though_the_vehicle_flies_on() -> None:
     (zone,) = met_and_lost().zones(Vec3(0.0, 3.0, 0.0), 1.5, 2.5)
     assert zone.offset_ned_m == pytest.approx((1.2, -3.0, 0.0))

@@ -13,6 +13,7 @@ from swarm_ctl.autopilot.ardupilot import ARDUPILOT
 from swarm_ctl.autopilot.base import Autopilot
 from swarm_ctl.autopilot.px4 import PX4
 from swarm_ctl.autopilot.setpoints import Frame, Target
+from swarm_ctl.frames import wrap_rad
 from swarm_ctl.model import Setpoint, Vec3
 
 MESSAGE = "SET_POSITION_TARGET_LOCAL_NED"
@@ -118,3 +119,12 @@ def test_whatever_a_planner_wants_every_number_on_the_wire_is_one(
     else:
         assert values[5 + 3 : 5 + 6] == (0.0, 0.0, 0.0)
     assert values.type_mask == (0x9C7 if math.isfinite(yaw_rad) else 0xDC7)
+
+
+@given(*[st.floats(-100.0, 100.0)] * 5)
+def test_what_is_sent_in_flight_is_the_target_that_it_stands_for(
+    x: float, y: float, z: float, yaw_rad: float, now: float
+) -> None:
+    velocity, now = Vec3(x, y, z), abs(now)
+    sent = Sender(1).setpoint(Setpoint(velocity, yaw_rad), now)
+    assert sent == Sender(1).target(Target(velocity_m_s=velocity, yaw_rad=wrap_rad(yaw_rad)), now)

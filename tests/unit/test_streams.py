@@ -26,7 +26,7 @@ def names(requests: list[Command]) -> list[str]:
 
 def hear(streams: Streams, *heard: str, now: float) -> None:
     for name in heard:
-        streams.heard(wire.message(name).id, now)
+        streams.heard_s[wire.message(name).id] = now
 
 
 def test_everything_is_asked_for_once_though_it_may_flow_already(streams: Streams) -> None:

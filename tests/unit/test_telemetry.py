@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl import wire
 from swarm_ctl.autopilot.status import MOST_NEWS
-from swarm_ctl.autopilot.telemetry import SUBSCRIBED, Telemetry
+from swarm_ctl.autopilot.telemetry import SUBSCRIBED, Scan, Telemetry
 
 EAST = math.pi / 2
 
@@ -77,6 +77,15 @@ def test_a_rangefinder_that_speaks_for_itself_is_heard_and_is_no_sign_of_its_aut
 def test_a_scanner_that_speaks_for_itself_is_heard(vehicle: Vehicle) -> None:
     scan = mavlink.MAVLink_obstacle_distance_message(0, 0, [200] * 72, 5, 10, 800, frame=12)
     assert vehicle.says(scan, component=196).scan_s == 1.0
+
+
+def test_hits_that_are_too_far_off_are_left_out_and_the_others_stay_as_they_are() -> None:
+    scan = Scan(0.3, math.radians(5.0), 10, 800, (5, 10, 120, 200, 201, 800, 65535) * 10)
+    everywhere = scan.hits(8.0)
+    assert len(everywhere) == 50
+    near = [hit for hit in everywhere if math.hypot(*hit) < 2.005]
+    assert len(near) == 30
+    assert scan.hits(2.0) == near
 
 
 def test_what_the_radio_tells_late_was_so_in_the_attitude_of_then(vehicle: Vehicle) -> None:
