@@ -9,17 +9,19 @@ from typing import NamedTuple
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peer import Neighbour
 from swarm_ctl.explore.safety import Constraint, limit_velocity, peer_limit, wall_limit
-from swarm_ctl.model import Vec3
+from swarm_ctl.model import ZERO, Vec3
 
-BEAM_BEARINGS_RAD = (0.0, math.pi, -math.pi / 2.0, math.pi / 2.0)
-"""Front, back, left and right rangefinder, clockwise from the vehicle's heading."""
-UP, DOWN = Vec3(0.0, 0.0, -1.0), Vec3(0.0, 0.0, 1.0)
 VERTICAL_BRAKING_M_S2 = 0.5
 """Half of what ArduPilot brakes with vertically (WPNAV_ACCEL_Z 1 m/s2)."""
 FENCE_M = 0.3
 """Kept to the fence: what a vehicle overshoots, also one whose controller is killed there."""
 GIVE_WAY_M = 0.6
 """A peer this much beyond the separation, straight ahead, is passed on the right."""
+PRESSED_M_S = -0.24
+"""A wall that is to be left faster is about to be touched: 0.12 m nearer than `limits.wall_m`."""
+NEARLY_M_S = -0.15
+"""A peer that is to be left faster is too near to be pushed towards by a wall: at 0.07 m less than
+`limits.separation_m` there is more left to a contact (0.6 m) than a pressing wall leaves."""
 SOON_S = 1.0
 """In so long a vehicle that flies level has left the way of one that climbs or descends."""
 GIVE_WAY, IN_THE_WAY = 0.6, 0.7
@@ -47,6 +49,11 @@ class Guard:
         self._climb = flight.climb_m_s
         self._braking = flight.acceleration_m_s2 / 2.0
         self._response_s = flight.response_s
+        self._top = top = math.hypot(self._speed, self._climb)
+        """No velocity gets past the speed limits: what allows this much in its way forbids none."""
+        braking = min(self._braking, VERTICAL_BRAKING_M_S2)
+        self._far_m = limits.wall_m + max(top * top / (2.0 * braking), 0.5 * top)
+        """A wall farther off allows as much, to who does not move."""
 
     def confine(
         self,
@@ -65,19 +72,21 @@ class Guard:
         place is not pushed off floor, ceiling or fence: it would be for ever.
         """
         peers = self._levelled(peers) if self._is_level else peers
-        velocity = self._keep_right(velocity, peers)
-        constraints = [  # the last one wins where they contradict: walls leave the least room
-            *(self._fence(motion) if knows_place else ()),
-            *self._peers(motion, peers),
-            *self._walls(motion, ranges_m),
-        ]
+        if peers:
+            velocity = self._keep_right(velocity, peers)
+        walls = self._walls(motion, ranges_m)
+        constraints = self._fence(motion) if knows_place else []
+        if peers:
+            constraints += self._peers(motion, peers, _push(walls))
+        constraints += walls  # last, and so they win a contradiction: they leave the least room
         return limit_velocity(velocity, constraints, self._speed, self._climb)
 
     def _fence(self, motion: Motion) -> list[Constraint]:
         """Bound the speed outwards from here, and from where the vehicle is about to be."""
         (x, y, z), (vx, vy, vz) = motion.position_ned_m, motion.velocity_ned_m_s
         response_s, limits = self._response_s + motion.late_s, self._limits
-        low, high = sorted((-z, -(z + vz * response_s)))
+        soon_m = -(z + vz * response_s)
+        low, high = (-z, soon_m) if -z <= soon_m else (soon_m, -z)
         floor = wall_limit(low - limits.floor_m, 0.0, VERTICAL_BRAKING_M_S2)
         ceiling = wall_limit(limits.ceiling_m - high, 0.0, VERTICAL_BRAKING_M_S2)
         fence = [Constraint(0.0, 0.0, 1.0, floor), Constraint(0.0, 0.0, -1.0, ceiling)]
@@ -89,32 +98,37 @@ class Guard:
         return fence
 
     def _walls(self, motion: Motion, ranges_m: Sequence[float]) -> list[Constraint]:
+        """Bound the speed along each beam that ends at a near wall, two opposite ones at once."""
         kept: list[Constraint] = []
-        for first in (0, 2, 4):
-            one_m, other_m = ranges_m[first : first + 2]
-            if one_m < math.inf or other_m < math.inf:
-                one, other = _beam(first, motion.yaw_rad), _beam(first + 1, motion.yaw_rad)
-                rooms = _between(self._room(motion, one, one_m), self._room(motion, other, other_m))
-                seen = zip((one, other), rooms, strict=True)
-                kept += [Constraint(*beam, room) for beam, room in seen if room < math.inf]
+        (vx, vy, vz), response_s = motion.velocity_ned_m_s, self._response_s + motion.late_s
+        far_m = self._far_m + response_s * math.sqrt(vx * vx + vy * vy + vz * vz)
+        north, east = math.cos(motion.yaw_rad), math.sin(motion.yaw_rad)
+        axes = ((north, east, 0.0), (east, -north, 0.0), (0.0, 0.0, -1.0))  # front, left, up
+        for index, (x, y, z) in enumerate(axes):
+            one_m, other_m = ranges_m[2 * index : 2 * index + 2]
+            if one_m > far_m and other_m > far_m:
+                continue
+            flown_m = response_s * (vx * x + vy * y + vz * z)
+            braking = VERTICAL_BRAKING_M_S2 if z else self._braking
+            one, other = _between(
+                wall_limit(one_m - max(0.0, flown_m), self._limits.wall_m, braking),
+                wall_limit(other_m - max(0.0, -flown_m), self._limits.wall_m, braking),
+            )
+            if one < self._top:
+                kept.append(Constraint(x, y, z, one))
+            if other < self._top:
+                kept.append(Constraint(-x, -y, -z, other))
         return kept
-
-    def _room(self, motion: Motion, beam: Vec3, distance_m: float) -> float:
-        """Give the largest speed along a beam, m/s."""
-        if distance_m == math.inf:
-            return math.inf
-        (vx, vy, vz), (x, y, z) = motion.velocity_ned_m_s, beam
-        response_s = self._response_s + motion.late_s
-        left_m = distance_m - response_s * max(0.0, vx * x + vy * y + vz * z)
-        braking = VERTICAL_BRAKING_M_S2 if z else self._braking
-        return wall_limit(left_m, self._limits.wall_m, braking)
 
     def _keep_right(self, velocity: Vec3, peers: Sequence[Neighbour]) -> Vec3:
         """Turn right of a peer in the way, as ships do: two that meet head-on would both stop."""
         speed = math.hypot(velocity.x, velocity.y)
+        if speed < 1e-6:
+            return velocity
+        near_m = self._limits.separation_m + GIVE_WAY_M
         for offset, _, doubt_m in peers:
             distance = math.hypot(offset.x, offset.y)
-            if distance > self._limits.separation_m + doubt_m + GIVE_WAY_M or speed < 1e-6:
+            if distance > near_m + doubt_m:
                 continue
             ahead = (velocity.x * offset.x + velocity.y * offset.y) / max(distance * speed, 1e-6)
             if ahead > IN_THE_WAY:
@@ -136,16 +150,25 @@ class Guard:
             if abs(offset.z) < separation_m or abs(offset.z + SOON_S * velocity.z) < separation_m
         ]
 
-    def _peers(self, motion: Motion, peers: Sequence[Neighbour]) -> list[Constraint]:
+    def _peers(
+        self, motion: Motion, peers: Sequence[Neighbour], push_m_s: Vec3
+    ) -> list[Constraint]:
+        """Bound the speed towards peers; walls push half as fast as else towards one that is near.
+
+        Who stopped between the two would be blown into the wall, a body's radius away.
+        """
         vx, vy, vz = motion.velocity_ned_m_s
         response_s, constraints = self._response_s + motion.late_s, []
-        for offset, velocity, doubt_m in peers:
-            distance = max(math.hypot(*offset), 1e-3)
-            x, y, z = (component / distance for component in offset)
+        for (x, y, z), (px, py, pz), doubt_m in peers:
+            distance = max(math.hypot(x, y, z), 1e-3)
+            x, y, z = x / distance, y / distance, z / distance  # noqa: PLW2901 - a unit vector now
             own = vx * x + vy * y + vz * z
-            coming = -(velocity.x * x + velocity.y * y + velocity.z * z)
+            coming = -(px * x + py * y + pz * z)
             room = self._towards_peer(distance - doubt_m, own, coming, response_s)
-            constraints.append(Constraint(x, y, z, room))
+            if room > NEARLY_M_S:
+                room = max(room, 0.5 * (push_m_s.x * x + push_m_s.y * y + push_m_s.z * z))
+            if room < self._top:
+                constraints.append(Constraint(x, y, z, room))
         return constraints
 
     def _towards_peer(
@@ -162,12 +185,16 @@ class Guard:
         return min(peer_limit(left_m, *kept), max(0.0, peer_limit(soon_m, *kept, response_s)))
 
 
-def _beam(index: int, yaw_rad: float) -> Vec3:
-    """Give the direction of a rangefinder."""
-    if index >= len(BEAM_BEARINGS_RAD):
-        return (UP, DOWN)[index - len(BEAM_BEARINGS_RAD)]
-    bearing_rad = yaw_rad + BEAM_BEARINGS_RAD[index]
-    return Vec3(math.cos(bearing_rad), math.sin(bearing_rad), 0.0)
+def _push(walls: Sequence[Constraint]) -> Vec3:
+    """Give the velocity with which walls that are about to be touched push off."""
+    near = [wall for wall in walls if wall.limit < PRESSED_M_S]
+    if not near:
+        return ZERO
+    return Vec3(
+        sum(wall.nx * wall.limit for wall in near),
+        sum(wall.ny * wall.limit for wall in near),
+        sum(wall.nz * wall.limit for wall in near),
+    )
 
 
 def _between(one_m_s: float, other_m_s: float) -> tuple[float, float]:

@@ -90,9 +90,10 @@ def _project(
     for _ in range(sweeps):
         worst = 0.0
         for nx, ny, nz, limit in constraints:
-            excess = max(0.0, x * nx + y * ny + z * nz - limit)
-            x, y, z = x - excess * nx, y - excess * ny, z - excess * nz
-            worst = max(worst, excess)
+            excess = x * nx + y * ny + z * nz - limit
+            if excess > 0.0:
+                x, y, z = x - excess * nx, y - excess * ny, z - excess * nz
+                worst = max(worst, excess)
         if worst < _SETTLED_M_S:
             break
     return x, y, z

@@ -84,6 +84,17 @@ def test_a_peer_too_close_pushes_away() -> None:
     assert GUARD.confine(Vec3(0, 0, 0), at_rest(), CLEAR, [peer]).x < -0.3
 
 
+def test_between_a_wall_and_a_peer_a_vehicle_comes_off_the_wall_unless_the_peer_is_too_near() -> (
+    None
+):
+    ranges = [0.35, *CLEAR[1:]]  # ahead; a vehicle that stood still would be blown there
+    behind = Neighbour(Vec3(-1.0, 0, 0), ZERO)
+    assert GUARD.confine(ZERO, at_rest(), ranges, [behind]).x == pytest.approx(-0.15, abs=0.02)
+    nearer = Neighbour(Vec3(-0.8, 0, 0), ZERO)
+    assert GUARD.confine(ZERO, at_rest(), ranges, [nearer]).x == pytest.approx(0.0, abs=0.01)
+    assert GUARD.confine(ZERO, at_rest(), CLEAR, [nearer]).x > 0.2, "without a wall it gives way"
+
+
 def test_two_that_meet_head_on_pass_each_other_on_the_right() -> None:
     north, south = Vec3(1, 0, 0), Vec3(-1, 0, 0)
     ahead, behind = Neighbour(Vec3(1.0, 0, 0), ZERO), Neighbour(Vec3(-1.0, 0, 0), ZERO)
