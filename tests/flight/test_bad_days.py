@@ -162,10 +162,10 @@ def test_a_vehicle_whose_frame_jumps_is_found_again_and_hits_nobody(
     flight = launch(vehicles=3, autopilot=autopilot, **SWARM)
     flight.fly_until(lambda: all_explore(flight))
     flight.fly(15)
-    before = trails(flight, 2)._peers[1].shift_m
+    before = trails(flight, 2)._contacts._peers[1].shift_m
     strike(flight, "drift", fraction=0.0, jump_m=6.0, towards_deg=90.0)
     flight.fly(10)
-    after = trails(flight, 2)._peers[1].shift_m
+    after = trails(flight, 2)._contacts._peers[1].shift_m
     assert np.subtract(before, after) == pytest.approx([6.0, 0.0], abs=0.7)
     seen = flight.truth()["coverage_fraction"]
     flight.fly(60)
