@@ -33,6 +33,10 @@ class Control(IntEnum):
     target position is NaN follows the velocity alone."""
 
 
+OFF, POSITION = int(Control.OFF), int(Control.POSITION)
+"""For numpy, to which a member of an enumeration is no plain number."""
+
+
 @dataclass(frozen=True, slots=True)
 class Loop:
     """The controller along one axis: horizontal (a plane vector) or vertical."""
@@ -133,21 +137,13 @@ class Dynamics:
         if importlib.util.find_spec("numba") is not None:
             self._advance = importlib.import_module("mock_vehicle.motion").advance
 
-    @property
-    def pitch_rad(self) -> Floats:
-        """Pitch (n,): the thrust points where the acceleration comes from."""
+    def lean_rad(self) -> tuple[Floats, Floats]:
+        """Give roll and pitch, (n,) each: the thrust points where the acceleration comes from."""
         north, east = self._thrust[:, 0], self._thrust[:, 1]
-        forward = np.cos(self.yaw_rad) * north + np.sin(self.yaw_rad) * east
-        pitch: Floats = np.arctan2(-forward, GRAVITY_M_S2)
-        return pitch
-
-    @property
-    def roll_rad(self) -> Floats:
-        """Roll (n,), as the pitch."""
-        north, east = self._thrust[:, 0], self._thrust[:, 1]
-        rightward = np.cos(self.yaw_rad) * east - np.sin(self.yaw_rad) * north
-        roll: Floats = np.arctan2(rightward, GRAVITY_M_S2)
-        return roll
+        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        roll: Floats = np.arctan2(cos * east - sin * north, GRAVITY_M_S2)
+        pitch: Floats = np.arctan2(-(cos * north + sin * east), GRAVITY_M_S2)
+        return roll, pitch
 
     def _take_coefficients(self, limits: Sequence[Limits]) -> None:
         def axes(read: Callable[[Loop], float]) -> Floats:
@@ -193,12 +189,14 @@ class Dynamics:
         self._limits[index] = limits
         self._take_coefficients(self._limits)
         self._scale(self._dt)
+        self._gather()
 
     def _take_step(self, dt: float) -> None:
         """Work out what depends on the size of the steps alone."""
         self._dt = dt
         self._scale(dt)
         self._delay.resize(dt)
+        self._gather()
 
     def _scale(self, dt: float) -> None:
         self._integral_step = self._integral_gain * dt
@@ -238,10 +236,11 @@ class Dynamics:
         """
         if dt != self._dt:
             self._take_step(dt)
-        running = (self.control != Control.OFF) & ~self.motor_lost
         if self._advance is not None:
-            self._step_compiled(self._advance, dt, wind_ned_m_s, running)
+            self._wind[:] = wind_ned_m_s
+            self._advance(dt, self._delay.turn(), self._wind, *self._arrays)
             return
+        running = (self.control != OFF) & ~self.motor_lost
         powered = running[:, None]
         velocity = self.velocity_ned_m_s
         all_running = bool(running.all())
@@ -262,21 +261,12 @@ class Dynamics:
         self._turn(dt, running)
         self._touch_ground()
 
-    def _step_compiled(
-        self,
-        advance: Callable[..., None],
-        dt: float,
-        wind_ned_m_s: Floats | tuple[float, float, float],
-        running: NDArray[np.bool_],
-    ) -> None:
-        self._wind[:] = wind_ned_m_s
-        advance(
-            dt,
-            self._delay.turn(),
+    def _gather(self) -> None:
+        """Name what `motion.advance` takes and changes: naming it at each step costs more."""
+        self._arrays = (
             (self._has_damping, self._knows_drag, self._limits_jerk),
-            self._wind,
-            running,
-            self.control == Control.POSITION,
+            self.control,
+            self.motor_lost,
             self.on_ground,
             self.ground_m,
             self._motion,
@@ -309,7 +299,7 @@ class Dynamics:
     def _wanted_velocity(self) -> Floats:
         """Velocity target of shape (n, 3) after the position loop, within the speed limits."""
         wanted = self.target_velocity_ned_m_s
-        positioned = self.control == Control.POSITION
+        positioned = self.control == POSITION
         if positioned.any():
             gap = self.target_position_ned_m - self.position_ned_m
             gap = np.where(positioned[:, None] & np.isfinite(gap), gap, 0.0)

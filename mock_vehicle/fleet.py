@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mock_vehicle.autopilot.parameters import share_out
 from mock_vehicle.autopilot.traits import Rates
-from mock_vehicle.dynamics import Control, Dynamics
+from mock_vehicle.dynamics import OFF, Dynamics
 from mock_vehicle.faults import Fault, check
 from mock_vehicle.geodesy import Origin
 from mock_vehicle.lossy import LossyLinks, Place
@@ -43,6 +43,7 @@ REACH_S = 0.15
 """Whoever cannot touch anything within this time at twice its speed is not checked each step."""
 TOP = -0.7
 """The downward part of the normal of what can be stood on."""
+NO_GAPS_M, NOBODY = np.empty(0), np.empty(0, dtype=bool)
 PROBES_M = 0.01 * np.eye(3)
 """Steps of the finite differences that tell where a wall pushes."""
 
@@ -89,7 +90,9 @@ class Fleet:
         self._now = 0.0
         self._steps = 0
         self._near_walls: INDICES = np.arange(self.n)
-        first, second = np.triu_indices(self.n, 1)
+        self._others = ~np.eye(self.n, dtype=bool)
+        self._above_diagonal = np.triu(np.ones((self.n, self.n), dtype=bool), 1)
+        first, second = self._above_diagonal.nonzero()
         self._near_pairs: tuple[INDICES, INDICES] = (first, second)
 
     def _build(
@@ -252,10 +255,10 @@ class Fleet:
     ) -> None:
         """Write the readings of rangefinders, radio, infrared and odometry."""
         body, readings = self.dynamics, self.readings
-        position, attitude = body.position_ned_m, (body.roll_rad, body.pitch_rad, body.yaw_rad)
+        position, attitude = body.position_ned_m, (*body.lean_rad(), body.yaw_rad)
         close = distances < self.rangefinders.range_max_m + BODY_RADIUS_M
-        np.fill_diagonal(close, val=False)
-        seer, seen = np.nonzero(close)
+        close &= self._others
+        seer, seen = close.nonzero()
         ranges = self.rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen))
         readings.ranges_m[:], readings.ring_m[:] = ranges
         self.radio.update(distances, alive, position, now)
@@ -267,7 +270,7 @@ class Fleet:
 
     def _drain(self, alive: NDArray[np.bool_]) -> None:
         """Empty the batteries by one tick; who has nothing left falls silent and drops."""
-        spinning = self.dynamics.control != Control.OFF
+        spinning = self.dynamics.control != OFF
         airborne = ~self.dynamics.on_ground
         self.batteries.step(
             TICK_S,
@@ -287,16 +290,20 @@ class Fleet:
         velocity = self.dynamics.velocity_ned_m_s
         reach = REACH_S * np.sqrt(np.einsum("ij,ij->i", velocity, velocity)) + PARTED_M + 0.01
         clearance = self.world.clearance(self.dynamics.position_ned_m)
-        (self._near_walls,) = np.nonzero(clearance < BODY_RADIUS_M + reach)
+        (self._near_walls,) = (clearance < BODY_RADIUS_M + reach).nonzero()
         meet = distances < 2.0 * BODY_RADIUS_M + reach[:, None] + reach
-        first, second = np.nonzero(np.triu(meet, 1))
+        meet &= self._above_diagonal
+        first, second = meet.nonzero()
         self._near_pairs = first, second
 
     def _touch_walls(self) -> None:
         """Stop at the surface whoever is pressed into a wall; it slides along."""
         near, airborne = self._near_walls, ~self.dynamics.on_ground
+        can_touch = np.count_nonzero(airborne[near]) > 0
+        if not can_touch and not self.referee.is_wall_touched:
+            return
         clearance = np.full(self.n, math.inf)
-        if airborne[near].any():
+        if can_touch:
             clearance[near] = self.world.clearance(self.dynamics.position_ned_m[near])
         self.referee.observe_walls(clearance, airborne)
         (pressed,) = np.nonzero((clearance < BODY_RADIUS_M) & airborne)
@@ -317,7 +324,7 @@ class Fleet:
         """Count who touches whom; the airborne of them are held apart."""
         first, second = self._near_pairs
         if not len(first):
-            self.referee.observe_pairs([], np.empty(0), np.empty(0, dtype=bool))
+            self.referee.observe_pairs([], NO_GAPS_M, NOBODY)
             return
         position, grounded = self.dynamics.position_ned_m, self.dynamics.on_ground
         gap = position[second] - position[first]

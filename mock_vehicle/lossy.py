@@ -179,5 +179,7 @@ class LossyLinks:
         self, direction: Direction, now: float, links: Collection[int] = (0, 1)
     ) -> list[tuple[Place, bytes]]:
         """Give what was held until now and arrives, with nothing new sent."""
+        if not self._channels:
+            return []
         places = [p for p in self._channels if p.direction == direction and p.link in links]
         return [(place, frame) for place in places for frame in self.carry(place, (), now)]

@@ -129,10 +129,10 @@ def _turn(dt: float, turning: Any, limits: Any, can_turn: bool) -> None:
 def advance(
     dt: float,
     head: int,
-    has: Any,
     wind: Any,
-    running: Any,
-    placed: Any,
+    has: Any,
+    control: Any,
+    motor_lost: Any,
     on_ground: Any,
     ground: Any,
     motion: Any,
@@ -145,7 +145,9 @@ def advance(
     delayed: Any,
 ) -> None:
     """Advance all vehicles by `dt` s in a wind of (n, 3)."""
-    all_run, any_placed, any_grounded = running.all(), placed.any(), on_ground.any()
+    running = (control != OFF) & ~motor_lost
+    all_run, any_grounded = running.all(), on_ground.any()
+    any_placed = (control == POSITION).any()
     before, error, limit = past.reshape(-1), np.empty(3), np.empty(3)
     for i in range(len(running)):
         vehicle = motion[:, i]
@@ -154,7 +156,7 @@ def advance(
         wanted = past[head, i]
         wanted[:] = targets[1, i]
         if any_placed:
-            target = targets[0, i] if placed[i] else position
+            target = targets[0, i] if control[i] == POSITION else position
             _approach(position, target, loops[5:, i], turn_limits[4, i], wanted)
         for axis in range(3):
             limit[axis] = axes[1, i, axis] if wanted[axis] > 0.0 else axes[0, i, axis]

@@ -44,6 +44,8 @@ class Contacts:
     def __init__(self, size: int) -> None:
         self._touching = np.zeros(size, dtype=bool)
         self.count = 0
+        self.lasts = False
+        """Whether anybody has not parted yet."""
 
     def observe(self, gap_m: FLOATS, touch_m: float, counts: BOOLS) -> None:
         """Look at the gaps of all; only where `counts` may a contact begin."""
@@ -51,6 +53,7 @@ class Contacts:
         self.count += int(np.count_nonzero(begins))
         self._touching |= begins
         self._touching &= gap_m <= touch_m + PARTED_M
+        self.lasts = bool(np.count_nonzero(self._touching))
 
 
 class Referee:
@@ -96,6 +99,11 @@ class Referee:
     def wall_contacts(self) -> int:
         """Episodes of contact with walls."""
         return self._walls.count
+
+    @property
+    def is_wall_touched(self) -> bool:
+        """Whether anybody touches a wall, or has not parted from it yet."""
+        return self._walls.lasts
 
     @property
     def energy_kwh(self) -> float:

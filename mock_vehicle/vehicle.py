@@ -87,6 +87,7 @@ class Vehicle:
             rates=rates,
             parameters=parameters,
         )
+        readings.home_ned_m[index] = self.home_ned_m
         refresh_all([self], dynamics, readings)
 
     @property
@@ -222,18 +223,16 @@ def refresh_all(
     One bulk `tolist` instead of numpy on 3-vectors in each vehicle. `sensed` says that the sensors
     have measured since the last time: peers and victims are told once per measurement.
     """
-    homes = np.zeros_like(dynamics.position_ned_m)
-    for vehicle in vehicles:
-        homes[vehicle.index] = vehicle.home_ned_m
+    roll_rad, pitch_rad = dynamics.lean_rad()
     error = readings.drift_ned_m
     if not readings.has_odometry:
         error = error + readings.gnss_error_ned_m
     rows = np.column_stack(
         (
-            dynamics.position_ned_m - homes + error,
+            dynamics.position_ned_m - readings.home_ned_m + error,
             dynamics.velocity_ned_m_s,
-            dynamics.roll_rad,
-            dynamics.pitch_rad,
+            roll_rad,
+            pitch_rad,
             dynamics.yaw_rad,
             dynamics.yaw_rate_rad_s,
             dynamics.on_ground,

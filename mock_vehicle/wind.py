@@ -35,18 +35,25 @@ class Wind:
         self._blows = bool(spec.speed_m_s or spec.gust_m_s)
         self._local_ned_m_s = np.zeros((n, 3))
         self._is_local = False
+        self._over: FLOATS = self._local_ned_m_s
+        self._grounded: bytes | None = None
+        """Who was on the ground when `_over` was worked out; None when the wind has changed."""
 
     def over(self, on_ground: NDArray[np.bool_]) -> FLOATS:
         """Give the wind for each vehicle, (n, 3) or (3,); the parked are not blown away."""
         if not self._blows and not self._is_local:
             return self._velocity_ned_m_s
-        wind = self._velocity_ned_m_s + self._local_ned_m_s
-        return np.where(on_ground[:, None], 0.0, wind)
+        grounded = on_ground.tobytes()
+        if grounded != self._grounded:
+            wind = self._velocity_ned_m_s + self._local_ned_m_s
+            self._over, self._grounded = np.where(on_ground[:, None], 0.0, wind), grounded
+        return self._over
 
     def strike(self, index: int, gust_ned_m_s: FLOATS) -> None:
         """Let a gust blow at one vehicle from now on; zero ends it."""
         self._local_ned_m_s[index] = gust_ned_m_s
         self._is_local = bool(self._local_ned_m_s.any())
+        self._grounded = None
 
     def blow(self, dt: float) -> None:
         """Let the gusts change."""
@@ -56,3 +63,4 @@ class Wind:
             draw = self._rng.normal(0.0, fresh, 3) * (1.0, 1.0, 0.3)  # gusts are flat
             self._gust_ned_m_s = kept * self._gust_ned_m_s + draw
             self._velocity_ned_m_s = self._mean_ned_m_s + self._gust_ned_m_s
+            self._grounded = None

@@ -21,7 +21,7 @@ from mock_vehicle.world.radio import RadioSpec
 FLOATS = NDArray[np.float64]
 BOOLS = NDArray[np.bool_]
 INDICES = NDArray[np.intp]
-OUT_OF_RANGE = np.int8(Fate.RANGE)
+HEARD, OUT_OF_RANGE = np.int8(Fate.HEARD), np.int8(Fate.RANGE)
 
 
 def no_walls(a_m: FLOATS, b_m: FLOATS) -> INDICES:  # noqa: ARG001
@@ -87,9 +87,9 @@ class Radio:
             if partition.lasts(now):
                 fate[partition.parts(position_ned_m) & (fate == Fate.HEARD)] = Fate.PARTITION
         off_air = ~alive | self._silent
-        if off_air.any():
+        if np.count_nonzero(off_air):
             fate[off_air, :] = fate[:, off_air] = Fate.OFF_AIR
-        self._fate, self.linked = fate, fate == Fate.HEARD
+        self._fate, self.linked = fate, fate == HEARD
 
     def fixes(
         self, position_ned_m: FLOATS, attitude_rad: tuple[FLOATS, FLOATS, FLOATS], now: float
@@ -97,7 +97,7 @@ class Radio:
         """Measure every heard peer: range, and direction in the hearer's body FRD frame."""
         if self._ranging is None:
             return [[] for _ in self._sysids]
-        hearer, peer = np.nonzero(self.linked)
+        hearer, peer = self.linked.nonzero()
         if self._is_lossy:
             received = self._receives(hearer, peer)
             hearer, peer = hearer[received], peer[received]
@@ -128,19 +128,18 @@ class Radio:
 
     def _receive(self, now: float) -> Received:
         """Let the hearers of all that is due receive it, or not."""
-        due = sorted((one for one in self._air if one.due_s <= now), key=itemgetter(0, 1))
-        self._air = [one for one in self._air if one.due_s > now]
+        due = [one for one in self._air if one.due_s <= now]
         if not due:
             return NOTHING
+        due.sort(key=itemgetter(0, 1))
+        self._air = [one for one in self._air if one.due_s > now]
         senders = np.array([one.sender for one in due])
         fates = self._fate[senders]
         for row, one in enumerate(due):
             if one.spoilt:
                 at = list(one.spoilt)
-                fates[row, at] = np.where(
-                    fates[row, at] == Fate.HEARD, Fate.COLLISION, fates[row, at]
-                )
-        rows, hearers = np.nonzero(fates == Fate.HEARD)
+                fates[row, at] = np.where(fates[row, at] == HEARD, Fate.COLLISION, fates[row, at])
+        rows, hearers = (fates == HEARD).nonzero()
         if self._is_lossy:
             received = self._receives(hearers, senders[rows])
             fates[rows[~received], hearers[~received]] = Fate.LOSS
@@ -161,7 +160,7 @@ class Radio:
 
     @property
     def _is_lossy(self) -> bool:
-        return self._spec.loss_fraction > 0.0 or bool(self.extra_loss.any())
+        return self._spec.loss_fraction > 0.0 or bool(np.count_nonzero(self.extra_loss))
 
     def _receives(self, hearer: INDICES, talker: INDICES) -> BOOLS:
         """Lose a fraction of the transmissions."""

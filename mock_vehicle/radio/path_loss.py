@@ -15,6 +15,8 @@ FLOATS = NDArray[np.float64]
 FATES = NDArray[np.int8]
 Walls = Callable[[FLOATS, FLOATS], NDArray[np.intp]]
 """Counts the solids between (k, 3) pairs of points, NED in the world, m."""
+HEARD, RANGE, WALLS, FADING = map(int, (Fate.HEARD, Fate.RANGE, Fate.WALLS, Fate.FADING))
+"""For numpy, to which a member of an enumeration is no plain number."""
 NEAREST_M = 1e-3
 """Nearer than this, two are as far apart as this: the law has no value at 0."""
 
@@ -53,10 +55,10 @@ class PathLoss:
             behind_db[near] -= self._spec.wall_db * self._walls(a_m, b_m)
         fate = np.where(
             behind_db + self._shadowing_db >= 0.0,
-            Fate.HEARD,
-            np.where(margin_db < 0.0, Fate.RANGE, np.where(behind_db < 0, Fate.WALLS, Fate.FADING)),
+            HEARD,
+            np.where(margin_db < 0.0, RANGE, np.where(behind_db < 0, WALLS, FADING)),
         )
-        fates = np.full(distances_m.shape, Fate.RANGE, dtype=np.int8)
+        fates = np.full(distances_m.shape, RANGE, dtype=np.int8)
         fates[first, second] = fates[second, first] = fate
         return fates
 

@@ -56,6 +56,8 @@ class Readings:
     """Per vehicle: the fixes of peers that its radio tells this tick."""
     victims: list[list[VictimFix]]
     """Per vehicle: the victims it sees now."""
+    home_ned_m: Floats
+    """Shape (n, 3): where each one's local frame begins; it stays there."""
     drift_ned_m: Floats
     """Shape (n, 3): estimated position = truth - home + drift."""
     gnss_reception: NDArray[np.int8]
@@ -78,6 +80,7 @@ class Readings:
             battery_current_a=np.zeros(n),
             peers=[[] for _ in range(n)],
             victims=[[] for _ in range(n)],
+            home_ned_m=np.zeros((n, 3)),
             drift_ned_m=np.zeros((n, 3)),
             gnss_reception=np.full(n, Reception.PRESENT, dtype=np.int8),
             gnss_error_ned_m=np.zeros((n, 3)),

@@ -56,6 +56,7 @@ class Truth:
 def look(fleet: Fleet, index: int, now: float) -> Truth:
     """Look at one vehicle of a fleet."""
     vehicle, body = fleet.vehicles[index], fleet.dynamics
+    roll_rad, pitch_rad = body.lean_rad()
     north, east, down = (body.position_ned_m[index] - vehicle.home_ned_m).tolist()
     place = vehicle.autopilot.origin.to_global(north, east, down)
     velocity = body.velocity_ned_m_s[index].tolist()
@@ -63,8 +64,8 @@ def look(fleet: Fleet, index: int, now: float) -> Truth:
         time_s=now,
         position_ned_m=(north, east, down),
         velocity_ned_m_s=(velocity[0], velocity[1], velocity[2]),
-        roll_rad=float(body.roll_rad[index]),
-        pitch_rad=float(body.pitch_rad[index]),
+        roll_rad=float(roll_rad[index]),
+        pitch_rad=float(pitch_rad[index]),
         yaw_rad=float(body.yaw_rad[index]),
         latitude_deg=place.latitude_deg,
         longitude_deg=place.longitude_deg,

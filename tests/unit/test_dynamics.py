@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from mock_vehicle.autopilot import ardupilot_traits, px4_traits
 from mock_vehicle.dynamics import Control, Dynamics, Limits
+from mock_vehicle.wind import Wind
+from mock_vehicle.world.spec import WindSpec
 
 DT = 0.02
 LIMITS = {"ardupilot": ardupilot_traits.LIMITS, "px4": px4_traits.LIMITS}
@@ -195,7 +197,7 @@ def test_the_controller_fights_the_wind(personality: str) -> None:
         speeds.append(dynamics.velocity_ned_m_s[0, 0])
     assert max(speeds) > 0.05
     assert speeds[-1] == pytest.approx(0.0, abs=0.1)
-    assert dynamics.pitch_rad[0] > 0.03  # a tail wind is held off nose up
+    assert dynamics.lean_rad()[1][0] > 0.03  # a tail wind is held off nose up
 
 
 @pytest.mark.parametrize("personality", LIMITS)
@@ -205,12 +207,12 @@ def test_it_leans_where_it_accelerates(personality: str) -> None:
     dynamics.target_velocity_ned_m_s[:] = (0.0, 2.0, 0.0)  # east is forward
     for _ in range(30):
         dynamics.step(DT, STILL_AIR)
-    assert dynamics.pitch_rad[0] < -0.1
-    assert dynamics.roll_rad[0] == pytest.approx(0.0, abs=1e-6)
+    assert dynamics.lean_rad()[1][0] < -0.1
+    assert dynamics.lean_rad()[0][0] == pytest.approx(0.0, abs=1e-6)
     dynamics.target_velocity_ned_m_s[:] = (-2.0, 2.0, 0.0)  # south is to the right
     for _ in range(30):
         dynamics.step(DT, STILL_AIR)
-    assert dynamics.roll_rad[0] > 0.1
+    assert dynamics.lean_rad()[0][0] > 0.1
 
 
 def test_motors_off_falls_and_stays_on_the_ground() -> None:
@@ -293,9 +295,27 @@ def test_compiled_vehicles_move_as_the_others_bit_for_bit(kinds: list[str]) -> N
         wind = (0.0, 0.0, 0.0) if chosen % 2 else (3.0, -1.0, 0.2)
         for fleet in fleets:
             _stirred(fleet, np.random.default_rng(chosen))
+            if chosen == 100:
+                fleet.relimit(0, LIMITS["ardupilot"])
             for _ in range(7):
                 fleet.step(0.02, wind)
         plain, fast = fleets
         assert plain.on_ground.tolist() == fast.on_ground.tolist()
         for one in ("position_ned_m", "velocity_ned_m_s", "acceleration_ned_m_s2", "yaw_rad"):
             assert getattr(plain, one).tobytes() == getattr(fast, one).tobytes(), (chosen, one)
+
+
+def test_the_wind_blows_at_who_flies_as_it_does_now() -> None:
+    spec = WindSpec(speed_m_s=2.0, from_deg=90.0, gust_m_s=1.0)
+    wind = Wind(spec, 2, np.random.default_rng(1))
+    on_ground = np.array([True, True])
+    assert not wind.over(on_ground).any(), "the parked are not blown away"
+    on_ground[0] = False
+    before = wind.over(on_ground)
+    assert before[0, 0] == pytest.approx(-2.0)
+    assert not before[1].any()
+    wind.blow(0.1)
+    gusty = wind.over(on_ground)
+    assert (gusty[0] != before[0]).all()
+    wind.strike(0, np.array([0.0, 5.0, 0.0]))
+    assert (wind.over(on_ground)[0] - gusty[0]).tolist() == pytest.approx([0.0, 5.0, 0.0])
