@@ -146,7 +146,7 @@ class Vehicle:
         autopilot = self.autopilot
         autopilot.state = State._make((*row[:_STATE_COLUMNS], row[_STATE_COLUMNS:]))
         autopilot.peers, autopilot.victims = peers, victims
-        autopilot.ring_m = readings.ring_m[self.index]
+        autopilot.readings = readings
         autopilot.has_odometry = readings.has_odometry
         autopilot.range_min_m, autopilot.range_max_m = readings.range_min_m, readings.range_max_m
 
@@ -224,6 +224,8 @@ def refresh_all(
     have measured since the last time: peers and victims are told once per measurement.
     """
     roll_rad, pitch_rad = dynamics.lean_rad()
+    if sensed:
+        readings.scans_cm = None
     error = readings.drift_ned_m
     if not readings.has_odometry:
         error = error + readings.gnss_error_ned_m

@@ -8,9 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mock_vehicle.autopilot import auto, missions, ranging
 from mock_vehicle.autopilot.boot import BootLog
 from mock_vehicle.autopilot.fences import Geofence
@@ -47,6 +44,7 @@ from mock_vehicle.faults import Trouble
 from mock_vehicle.geodesy import Origin
 from mock_vehicle.sensors.battery import FULL_V
 from mock_vehicle.sensors.gnss import Reception
+from mock_vehicle.sensors.readings import Readings
 from swarm_ctl import wire
 from swarm_ctl.signing import Gatekeeper
 
@@ -59,6 +57,7 @@ TUNNEL_ID = wire.message("TUNNEL").id
 ACK_ID = wire.message("COMMAND_ACK").id
 STATUSTEXT = wire.message("STATUSTEXT")
 TEXT_LENGTH = 50
+DENIED = int(Reception.DENIED)
 GOLDEN = 0.618
 """Its multiples, modulo 1, are far from one another, however many they are."""
 
@@ -90,8 +89,8 @@ class Autopilot(Personality):
         self._site = origin
         self.peers: list[PeerFix] = []
         self.victims: list[VictimFix] = []
-        self.ring_m: NDArray[np.float64] = np.empty(0)
-        """What the level rays read, (72,), clockwise from the nose."""
+        self.readings = Readings.blank(0)
+        """Of the whole fleet."""
         self.range_min_m = 0.0
         self.range_max_m = 0.0
         self.plans = Plans(self.plan_rules)
@@ -170,8 +169,7 @@ class Autopilot(Personality):
     def send_all(self, message: wire.Message, rows: Sequence[tuple[object, ...]]) -> None:
         """Queue a frame per row of values, as `send` would each."""
         for link in self.to:
-            for values in rows:
-                link.send(message, self.sysid, AUTOPILOT_COMPID, values)
+            link.send_all(message, self.sysid, AUTOPILOT_COMPID, rows)
 
     def send(self, message: wire.Message, *values: object, compid: int = AUTOPILOT_COMPID) -> None:
         """Queue a frame on the links that are served at the moment."""
@@ -217,7 +215,7 @@ class Autopilot(Personality):
     @property
     def receives_gnss(self) -> bool:
         """Whether there are satellites, and something to receive them with."""
-        return self.traits.has_receiver and self.state.reception > Reception.DENIED
+        return self.traits.has_receiver and self.state.reception > DENIED
 
     @property
     def origin(self) -> Origin:

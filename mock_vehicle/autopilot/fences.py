@@ -32,6 +32,7 @@ class Breach(Flag):
     MIN_ALTITUDE = auto()
 
 
+UNBROKEN = Breach.NONE
 BREACH_TYPES: Mapping[Breach, int] = {
     Breach.MIN_ALTITUDE: 1,
     Breach.MAX_ALTITUDE: 2,
@@ -194,7 +195,7 @@ class Geofence:
         """Look where the vehicle is, and give the limits that it has newly gone beyond."""
         before, self.breach = self.breach, self.at(autopilot, settings)
         if self.breach is before:
-            return Breach.NONE
+            return UNBROKEN
         new = self.breach & ~before
         if new:
             self.count += 1
@@ -203,9 +204,10 @@ class Geofence:
 
     def at(self, autopilot: Autopilot, settings: FenceSettings) -> Breach:
         """Tell which limits the vehicle is beyond."""
-        is_bounded = settings.is_bounded or autopilot.plans.stored[Kind.FENCE]
-        if not (settings.is_on and is_bounded and autopilot.navigation.has_origin):
-            return Breach.NONE
+        if not settings.is_on or not autopilot.navigation.has_origin:
+            return UNBROKEN
+        if not (settings.is_bounded or autopilot.plans.stored[Kind.FENCE]):
+            return UNBROKEN
         north, east, down = autopilot.state[:3]
         home_n, home_e, home_d = autopilot.navigation.home_m
         height = home_d - down

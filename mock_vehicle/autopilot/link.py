@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from swarm_ctl import wire
@@ -138,6 +138,17 @@ class Link:
         self._sequences[compid] = (sequence + 1) & 0xFF
         frame = message.pack(sequence, sysid, compid, *values)
         self.outbox.append(self._gate.seal(frame, self.number))
+
+    def send_all(
+        self, message: wire.Message, sysid: int, compid: int, rows: Sequence[tuple[object, ...]]
+    ) -> None:
+        """Queue a frame per row of values, as `send` would each."""
+        sequence = self._sequences.get(compid, 0)
+        pack, seal, number = message.pack, self._gate.seal, self.number
+        for values in rows:
+            self.outbox.append(seal(pack(sequence, sysid, compid, *values), number))
+            sequence = (sequence + 1) & 0xFF
+        self._sequences[compid] = sequence
 
     def take(self) -> list[bytes]:
         """Empty the outbox."""

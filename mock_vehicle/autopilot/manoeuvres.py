@@ -14,6 +14,7 @@ from mock_vehicle.dynamics import Control
 if TYPE_CHECKING:
     from mock_vehicle.autopilot.base import Autopilot
 
+POSITION, VELOCITY = Control.POSITION, Control.VELOCITY
 NAN = math.nan
 Vector = tuple[float, float, float]
 STILL: Vector = (0.0, 0.0, 0.0)
@@ -121,17 +122,18 @@ def follow_setpoint(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
     """Fly the last setpoint; an acceleration alone is a velocity that grows."""
     setpoint = autopilot.setpoint
     velocity = setpoint.velocity_m_s
-    is_place = setpoint.is_position_only and all(map(math.isfinite, setpoint.position_m))
-    if is_place and autopilot.speed_m_s is not None and autopilot.auto_rules.slows_setpoints:
-        _fly_to(autopilot, setpoint.position_m, setpoint.yaw_rad)
+    position = setpoint.position_m
+    is_slowed = autopilot.speed_m_s is not None and autopilot.auto_rules.slows_setpoints
+    if is_slowed and setpoint.is_position_only and all(map(math.isfinite, position)):
+        _fly_to(autopilot, position, setpoint.yaw_rad)
         return
     if not all(map(math.isfinite, velocity)):
         velocity = _velocity(autopilot)
-    has_position = any(map(math.isfinite, setpoint.position_m))
+    has_position = position is not NOWHERE and any(map(math.isfinite, position))
     autopilot.command(
-        Control.POSITION if has_position else Control.VELOCITY,
+        POSITION if has_position else VELOCITY,
         velocity,
-        setpoint.position_m,
+        position,
         setpoint.yaw_rad,
         setpoint.yaw_rate_rad_s,
     )

@@ -30,7 +30,7 @@ from mock_vehicle.autopilot.fences import Breach, FenceSettings
 from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import Setpoint
 from mock_vehicle.autopilot.plans import PX4_RULES, PlanRules
-from mock_vehicle.autopilot.px4_failsafe import Action, Failsafe, Settings
+from mock_vehicle.autopilot.px4_failsafe import NONE, TERMINATE, Action, Failsafe, Settings
 from mock_vehicle.autopilot.px4_traits import (
     AUTO_LAND,
     AUTO_LOITER,
@@ -148,12 +148,12 @@ class Px4(Autopilot):
     @property
     def in_failsafe(self) -> bool:
         """Whether another mode is flown than the chosen one."""
-        return self.failsafe.action is not Action.NONE
+        return self.failsafe.action is not NONE
 
     @property
     def chosen_action(self) -> Action:
         """What the user does by himself."""
-        return CHOSEN_ACTIONS.get(self.mode, Action.NONE)
+        return CHOSEN_ACTIONS.get(self.mode, NONE)
 
     @property
     def base_mode(self) -> int:
@@ -180,7 +180,7 @@ class Px4(Autopilot):
 
     def system_status(self, now: float) -> SystemStatus:
         """UNINIT comes back whenever a mode is chosen that cannot arm."""
-        if self.failsafe.action is Action.TERMINATE:
+        if self.failsafe.action is TERMINATE:
             return SystemStatus.FLIGHT_TERMINATION
         if self.in_failsafe:
             return SystemStatus.CRITICAL
@@ -341,11 +341,11 @@ class Px4(Autopilot):
 
     def receive_setpoint(self, values: Any, now: float) -> None:
         """Take a setpoint in any mode: OFFBOARD is entered only while they come."""
-        complaint = setpoints.complaint(values)
-        if complaint:
-            self.say(Severity.CRITICAL, complaint, now)
-            return
-        self.receive_attitude(setpoints.read(values, self.state.yaw_rad), now)
+        setpoint = setpoints.read(values, self.state.yaw_rad)
+        if isinstance(setpoint, str):
+            self.say(Severity.CRITICAL, setpoint, now)
+        else:
+            self.receive_attitude(setpoint, now)
 
     def receive_attitude(self, setpoint: Setpoint, now: float) -> None:
         """Take it as any other setpoint."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
 from typing import TYPE_CHECKING
 
-from mock_vehicle.autopilot.fences import Breach
+from mock_vehicle.autopilot.fences import UNBROKEN
 from mock_vehicle.autopilot.parameters import Parameters
 from mock_vehicle.autopilot.traits import Severity
 
@@ -31,6 +31,9 @@ class Action(IntEnum):
     LAND = 6
     DISARM = 7
     TERMINATE = 8
+
+
+NONE, TERMINATE = Action.NONE, Action.TERMINATE
 
 
 class Cause(Enum):
@@ -132,7 +135,7 @@ class Failsafe:
             return
         wanted = max(self._wanted(px4, now), self._least)
         if wanted <= px4.chosen_action:
-            wanted = Action.NONE
+            wanted = NONE
         if wanted is self.action:
             return
         is_graver, self.action = wanted > self.action, wanted
@@ -147,12 +150,12 @@ class Failsafe:
             self._overridden = set(self._since)
 
     def _wanted(self, px4: Px4, now: float) -> Action:
-        wanted = px4.settings.offboard if px4.has_lost_setpoints(now) else Action.NONE
-        if wanted is Action.TERMINATE:
+        wanted = px4.settings.offboard if px4.has_lost_setpoints(now) else NONE
+        if wanted is TERMINATE:
             self._least = wanted
         if px4.flying and not px4.has_position(now):
             wanted = max(wanted, Action.LAND)
-        present = dict(self._causes(px4, now))
+        present = self._causes(px4, now)
         if not present and not self._since:
             return wanted
         self._since = {cause: self._since.get(cause, now) for cause in present}
@@ -166,20 +169,21 @@ class Failsafe:
             wanted = max(wanted, action)
         return wanted
 
-    def _causes(self, px4: Px4, now: float) -> Iterator[tuple[Cause, Action]]:
-        settings = px4.settings
+    def _causes(self, px4: Px4, now: float) -> dict[Cause, Action]:
+        settings, causes = px4.settings, dict[Cause, Action]()
         if settings.gcs and not px4.hears_gcs(now):
-            yield Cause.GCS, settings.gcs
-        if settings.geofence and px4.geofence.breach is not Breach.NONE:
-            yield Cause.GEOFENCE, settings.geofence
+            causes[Cause.GCS] = settings.gcs
+        if settings.geofence and px4.geofence.breach is not UNBROKEN:
+            causes[Cause.GEOFENCE] = settings.geofence
         left = px4.state.battery_fraction
         if left >= settings.battery_fractions[0]:
-            return
+            return causes
         level = sum(left < fraction for fraction in settings.battery_fractions)
         if level > self._battery_level:
             self._battery_level = level
             px4.say(Severity.CRITICAL, BATTERY_TEXTS[level], now)
         if level >= 2 and settings.critical_battery:
-            yield Cause.CRITICAL_BATTERY, settings.critical_battery
+            causes[Cause.CRITICAL_BATTERY] = settings.critical_battery
         if level == 3 and settings.emergency_battery:
-            yield Cause.EMERGENCY_BATTERY, settings.emergency_battery
+            causes[Cause.EMERGENCY_BATTERY] = settings.emergency_battery
+        return causes

@@ -5,59 +5,69 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, rotated
+from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, Vector, rotated
 
 FRAME_LOCAL_NED, FRAME_BODY_NED = 1, 8
+ALL_AXES = 7
 FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 0x200, 0x400, 0x800
 
 
-def _groups(values: Any) -> Setpoint:
-    """Take what is not ignored, axis by axis."""
-    _, _, _, _, mask, *given, yaw_rad, yaw_rate_rad_s = values
-    x, y, z, vx, vy, vz, ax, ay, az = [
-        NAN if mask >> bit & 1 else value for bit, value in enumerate(given)
-    ]
+def read(values: Any, yaw_rad: float) -> Setpoint | str:
+    """Understand a setpoint; say why if it does not even count as one.
+
+    One with half a plane or without a vertical axis stops.
+    """
+    _, _, _, frame, mask, x, y, z, vx, vy, vz, ax, ay, az, heading_rad, turn_rad_s = values
+    if frame not in {FRAME_LOCAL_NED, FRAME_BODY_NED}:
+        return f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported\t"
+    position = _group((x, y, z), mask & ALL_AXES)
+    velocity = _group((vx, vy, vz), mask >> 3 & ALL_AXES)
+    acceleration = _group((ax, ay, az), mask >> 6 & ALL_AXES)
+    if mask & FORCE_BIT and not _is_empty(acceleration):
+        return "SET_POSITION_TARGET_LOCAL_NED force not supported\t"
+    in_body = frame == FRAME_BODY_NED and not _is_empty(position)
+    if in_body or (_is_empty(velocity) and _is_empty(position) and _is_empty(acceleration)):
+        return "SET_POSITION_TARGET_LOCAL_NED invalid\t"
+    if not _is_whole(position, velocity, acceleration):
+        return STOP
+    if frame == FRAME_BODY_NED:
+        # NaN of an ignored axis must not spread over the others by the rotation.
+        position = NOWHERE
+        velocity, acceleration = rotated(velocity, yaw_rad), rotated(acceleration, yaw_rad)
     return Setpoint(
-        (x, y, z),
-        (vx, vy, vz),
-        (ax, ay, az),
-        NAN if mask & YAW_BIT or not math.isfinite(yaw_rad) else yaw_rad,
-        NAN if mask & YAW_RATE_BIT or not math.isfinite(yaw_rate_rad_s) else yaw_rate_rad_s,
+        position,
+        velocity,
+        acceleration,
+        NAN if mask & YAW_BIT or not math.isfinite(heading_rad) else heading_rad,
+        NAN if mask & YAW_RATE_BIT or not math.isfinite(turn_rad_s) else turn_rad_s,
     )
 
 
-def complaint(values: Any) -> str | None:
-    """Say why this message does not even count as a setpoint."""
-    frame = values.coordinate_frame
-    if frame not in {FRAME_LOCAL_NED, FRAME_BODY_NED}:
-        return f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported\t"
-    setpoint = _groups(values)
-    accelerates = not all(map(math.isnan, setpoint.acceleration_m_s2))
-    if values.type_mask & FORCE_BIT and accelerates:
-        return "SET_POSITION_TARGET_LOCAL_NED force not supported\t"
-    moves = setpoint.position_m + setpoint.velocity_m_s + setpoint.acceleration_m_s2
-    in_body = frame == FRAME_BODY_NED and not all(map(math.isnan, setpoint.position_m))
-    if in_body or all(map(math.isnan, moves)):
-        return "SET_POSITION_TARGET_LOCAL_NED invalid\t"
-    return None
+def _group(axes: Vector, ignored: int) -> Vector:
+    """Take what is not ignored, axis by axis."""
+    if not ignored:
+        return axes
+    if ignored == ALL_AXES:
+        return NOWHERE
+    north, east, down = axes
+    return (
+        NAN if ignored & 1 else north,
+        NAN if ignored & 2 else east,
+        NAN if ignored & 4 else down,
+    )
 
 
-def read(values: Any, yaw_rad: float) -> Setpoint:
-    """Understand a setpoint; one with half a plane or without a vertical axis stops."""
-    setpoint = _groups(values)
-    moves = (setpoint.position_m, setpoint.velocity_m_s, setpoint.acceleration_m_s2)
-    given = [tuple(map(math.isnan, group)) for group in moves]
-    if any(map(math.isinf, moves[0] + moves[1] + moves[2])):
-        return STOP
-    if any(north != east for north, east, _ in given):
-        return STOP
-    if all(north for north, _, _ in given) or all(down for _, _, down in given):
-        return STOP
-    if values.coordinate_frame == FRAME_BODY_NED:
-        # NaN of an ignored axis must not spread over the others by the rotation.
-        return setpoint._replace(
-            position_m=NOWHERE,
-            velocity_m_s=rotated(setpoint.velocity_m_s, yaw_rad),
-            acceleration_m_s2=rotated(setpoint.acceleration_m_s2, yaw_rad),
-        )
-    return setpoint
+def _is_empty(axes: Vector) -> bool:
+    return axes is NOWHERE or all(map(math.isnan, axes))
+
+
+def _is_whole(*groups: Vector) -> bool:
+    """Whether whole planes are given, something level and something upright, all of it finite."""
+    level = upright = False
+    for axes in groups:
+        if axes is not NOWHERE:
+            north, east, down = map(math.isnan, axes)
+            if north != east or any(map(math.isinf, axes)):
+                return False
+            level, upright = level or not north, upright or not down
+    return level and upright

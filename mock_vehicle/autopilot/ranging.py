@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mock_vehicle.autopilot.clock import boot_ms, boot_us
 from mock_vehicle.autopilot.link import Encoder
@@ -48,11 +50,17 @@ def centimetres(metres: float) -> int:
     return round(max(metres * 100.0, 0.0)) if metres < 655.0 else FARTHEST_CM
 
 
+@cache
+def _bounds(min_m: float, max_m: float) -> tuple[float, int, int]:
+    """Give how far rangefinders reach, m, and from where to where they tell, cm."""
+    reach_m = min(max_m, LONGEST_RANGE_M)
+    return reach_m, centimetres(min_m), centimetres(reach_m)
+
+
 def distance_sensors(autopilot: Autopilot, now: float) -> None:
     """Send the rangefinders that work; beyond max_distance there is nothing."""
     time = boot_ms(autopilot, now)
-    reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
-    nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
+    reach_m, nearest, farthest = _bounds(autopilot.range_min_m, autopilot.range_max_m)
     mountings = MOUNTINGS[autopilot.traits.backward]
     rows = [
         (
@@ -70,18 +78,18 @@ def distance_sensors(autopilot: Autopilot, now: float) -> None:
 
 def obstacle_distance(autopilot: Autopilot, now: float) -> None:
     """Send OBSTACLE_DISTANCE, the level rays clockwise from the nose, unless they are broken."""
-    ring = autopilot.ring_m
-    if np.isnan(ring).any():
+    readings = autopilot.readings
+    reach_m, nearest, farthest = _bounds(autopilot.range_min_m, autopilot.range_max_m)
+    if readings.scans_cm is None:
+        readings.scans_cm = _scans_cm(readings.ring_m, reach_m, farthest + 1)
+    scan_cm = readings.scans_cm[autopilot.index]
+    if scan_cm is None:
         return
-    reach_m = min(autopilot.range_max_m, LONGEST_RANGE_M)
-    nearest, farthest = centimetres(autopilot.range_min_m), centimetres(reach_m)
-    seen = ring <= reach_m
-    distances = np.rint(np.where(seen, ring, 0.0) * 100.0).astype(int)
     autopilot.send(
         OBSTACLE_DISTANCE,
         boot_us(autopilot, now),
         SENSOR_LASER,
-        np.where(seen, distances, farthest + 1).tolist(),
+        scan_cm,
         RING_SPACING_DEG,
         nearest,
         farthest,
@@ -89,6 +97,18 @@ def obstacle_distance(autopilot: Autopilot, now: float) -> None:
         0.0,
         FRAME_BODY_FRD,
     )
+
+
+def _scans_cm(
+    ring_m: NDArray[np.float64], reach_m: float, nothing_cm: int
+) -> list[list[int] | None]:
+    """Round the rings of a whole fleet, (n, 72), at once; None for one that is broken."""
+    seen = ring_m <= reach_m
+    distances = np.rint(np.where(seen, ring_m, 0.0) * 100.0).astype(int)
+    rows: list[list[int] | None] = np.where(seen, distances, nothing_cm).tolist()
+    for broken in np.flatnonzero(np.isnan(ring_m).any(axis=1)).tolist():
+        rows[broken] = None
+    return rows
 
 
 def peers(autopilot: Autopilot) -> None:

@@ -241,6 +241,7 @@ def test_the_ring_comes_on_request_alone(personality: Personality) -> None:
 def test_a_broken_ring_is_not_sent(personality: Personality) -> None:
     client = Client(personality)
     client.command(511, 330, 1e5)
+    assert client.tick("OBSTACLE_DISTANCE")
     client.readings.ring_m[:] = math.nan
     assert not client.tick("OBSTACLE_DISTANCE")
 
