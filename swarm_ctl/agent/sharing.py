@@ -40,15 +40,19 @@ class Sharing:
 
     def see(self, scan_m: Iterable[Vec3], own_ned_m: Vec3, peers_m: Sequence[Vec3]) -> None:
         """Take scanner hits, relative to the vehicle; peers are no walls."""
-        hits = [
-            hit
-            for hit in scan_m
-            if math.hypot(hit.x, hit.y) <= SCAN_M
-            and all(math.hypot(hit.x - p.x, hit.y - p.y) > PEER_M for p in peers_m)
-        ]
-        if hits:
-            points = np.array(hits) + np.array(own_ned_m)
-            self.explorer.observe_hits(points[:, : self._dimensions])
+        near_m = [(x, y) for x, y, _ in peers_m if not math.hypot(x, y) > SCAN_M + 2.0 * PEER_M]
+        own_x, own_y, own_z = own_ned_m
+        points = []
+        for x, y, z in scan_m:
+            if not math.hypot(x, y) <= SCAN_M:
+                continue
+            for peer_x, peer_y in near_m:
+                if not math.hypot(x - peer_x, y - peer_y) > PEER_M:
+                    break
+            else:
+                points.append((x + own_x, y + own_y, z + own_z)[: self._dimensions])
+        if points:
+            self.explorer.observe_hits(np.array(points))
 
     def meet(self, peers: PeerTable, now: float) -> None:
         """Take note of contacts: who is where, in his frame and in ours."""

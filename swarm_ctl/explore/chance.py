@@ -54,3 +54,13 @@ class Chance:
             self._generators[row].random(out=self._numbers[row])
             self._cursor[row] = 0
         return self._deal(self._numbers, self._cursor, rows, count)
+
+    def draw(self, row: int, count: int) -> list[float]:
+        """Draw for one row what `uniform` would: quicker than arrays of one."""
+        at = int(self._cursor[row])
+        if at > BLOCK - count:
+            self._generators[row].random(out=self._numbers[row])
+            at = 0
+        self._cursor[row] = at + count
+        drawn: list[float] = self._numbers[row, at : at + count].tolist()
+        return drawn

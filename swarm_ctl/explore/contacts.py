@@ -110,7 +110,8 @@ class Contacts:
     def sent(self, lack: Lack, end: int, now: float) -> None:
         """Note that what was lacking of a log is on its way, up to an entry."""
         for peer in self._told():
-            if lack.begin <= _has(peer, lack.origin, now) < end:
+            sent = peer.sent.get(lack.origin, (0, -math.inf))
+            if lack.begin <= max(peer.known.get(lack.origin, 0), _on_way(sent, now)) < end:
                 peer.sent[lack.origin] = (end, now)
         self._stale.add(lack.origin)
         self._on_way.append((now, lack.origin))
@@ -152,12 +153,16 @@ class Contacts:
 
     def _look(self, origins: Iterable[int], now: float) -> None:
         """Find anew what those in contact lack of these logs."""
-        told, lacks, order = self._told(), self._lacks, self._order
+        told = [(peer.known, peer.sent) for peer in self._told()]
+        lacks, order = self._lacks, self._order
         for origin in origins:
-            length = self._lengths.get(origin, 0)
-            begin = length
-            for peer in told:
-                begin = min(begin, _has(peer, origin, now))
+            begin = length = self._lengths.get(origin, 0)
+            for known, sent in told:
+                has = known.get(origin, 0)
+                if has < begin:
+                    if origin in sent:
+                        has = max(has, _on_way(sent[origin], now))
+                    begin = min(begin, has)
             before = lacks.pop(origin, None)
             if before is not None:
                 del order[bisect_left(order, before)]
@@ -166,8 +171,6 @@ class Contacts:
                 insort(order, lack)
 
 
-def _has(peer: Peer, origin: int, now: float) -> int:
-    """Tell how much of a log a peer has, counting what is on its way."""
-    known = peer.known.get(origin, 0)
-    length, sent_s = peer.sent.get(origin, (0, -math.inf))
-    return max(known, length) if now - sent_s < RESEND_S else known
+def _on_way(sent: tuple[int, float], now: float) -> int:
+    """Tell up to where a log is on its way that was sent up to an entry at a time."""
+    return sent[0] if now - sent[1] < RESEND_S else 0

@@ -16,8 +16,8 @@ from swarm_ctl.explore.frontier import NOBODY, Others, find_way, find_way_to
 from swarm_ctl.explore.memory import VisitedMap, three
 from swarm_ctl.explore.pieces import LINE, START, WALL_X
 from swarm_ctl.explore.planner import SLOW, Plan, PlannerParams, Planning, plan_with
-from swarm_ctl.explore.pso import limit_motion, next_motion
-from swarm_ctl.explore.repulsion import repulsion
+from swarm_ctl.explore.pso import fly_one
+from swarm_ctl.explore.repulsion import repel
 from swarm_ctl.explore.swath import Swath
 from swarm_ctl.explore.trails import News, Trails
 
@@ -98,7 +98,7 @@ class Explorer:
         self._travelled_m = 0.0
         self._steps = 0
         self._is_new = False
-        self._was_avoiding = False
+        self._is_avoiding = False
         self.written_off: list[WrittenOff] = []
         """Ground that this vehicle could not pass or reach, in the order of its attempts."""
         self.searches = 0
@@ -116,7 +116,7 @@ class Explorer:
             if not 1e-6 < far < math.inf:
                 continue
             beam = [p - own for p, own in zip(point, place, strict=True)]
-            sizes = [abs(part) for part in beam]
+            sizes = list(map(abs, beam))
             axis = sizes.index(max(sizes))
             self._add_wall([p + half * b / far for p, b in zip(point, beam, strict=True)], axis)
 
@@ -171,17 +171,15 @@ class Explorer:
             self._paint(news)
 
     def _paint(self, news: News) -> None:
-        shift, last = news.shift_m, news.before_cm
+        shift, last_cm = news.shift_m, news.before_cm
+        last = last_cm and [cm / 100.0 + s for cm, s in zip(last_cm, shift, strict=True)]
         for kind, point_cm in news.entries:
             point = [cm / 100.0 + s for cm, s in zip(point_cm, shift, strict=True)]
             if kind >= WALL_X:
                 self.memory.wall(point, kind - WALL_X)
-                continue
-            before = point
-            if kind == LINE and last is not None:
-                before = [cm / 100.0 + s for cm, s in zip(last, shift, strict=True)]
-            self.memory.sweep(before, point)
-            last = point_cm
+            else:
+                self.memory.sweep(last if kind == LINE and last else point, point)
+                last = point
 
     def way_to(self, position_m: Sequence[float], goal_m: Sequence[float]) -> list[list[float]]:
         """Give the corners of the shortest way over ground that anybody it met has seen."""
@@ -230,15 +228,14 @@ class Explorer:
         place = position_m[0].tolist()
         is_stalled = self._account(place, float(heading_rad[0]))
         self._now += self.params.period_s
-        ranges_m = self._reflex(ranges_m)
-        turned = self._avoidance.update(heading_rad, ranges_m, self._chance)
-        suspended = bool(self._avoidance.suspends[0])
+        has_turned = self._consult(heading_rad, ranges_m)
+        suspended = self._is_avoiding and bool(self._avoidance.suspends[0])
         if is_stalled:
             self._mark_stall(place)
-        if not suspended and (is_stalled or turned.size > 0 or self._is_due(place)):
+        if not suspended and (is_stalled or has_turned or self._is_due(place)):
             self._decide(place)
-        self._fly(place, peers_m)
-        if self._avoidance.is_active[0]:
+        self._fly(place, peers_m[0].tolist())
+        if self._is_avoiding:
             self._avoid()
         if self._commanded_m > SLOW * self._level_m:
             self._facing_rad = math.atan2(self._motion[1], self._motion[0])
@@ -271,10 +268,10 @@ class Explorer:
 
     def _log(self, place: list[float]) -> None:
         """Append the last point to the own log when the way bends or gets long behind it."""
-        if self._since:
-            strays = any(_stray(p, self._vertex, place) > DEVIATION_M for p in self._since)
-            if strays or math.dist(self._vertex, place) > SEGMENT_M:
-                self._append(LINE, self._since[-1])
+        if self._since and (
+            math.dist(self._vertex, place) > SEGMENT_M or _strays(self._since, self._vertex, place)
+        ):
+            self._append(LINE, self._since[-1])
         self._since.append(place)
 
     def _append(self, kind: int, point: list[float]) -> None:
@@ -329,6 +326,20 @@ class Explorer:
             if self._now - seen[0] < 1.0 and far < 2.0 and along > 0.5 * far:
                 return True
         return False
+
+    def _consult(self, heading_rad: Floats, ranges_m: Floats) -> bool:
+        """Ask Table I where a sensor is triggered, or was; tell whether it ends a turn.
+
+        Without the front one those at the sides do not count, see `_reflex`.
+        """
+        near_m = self.params.avoid_distance_m
+        front, _, _, _, up, down = ranges_m[0].tolist()
+        is_near = front < near_m or (self._d == 3 and (up < near_m or down < near_m))
+        if not is_near and not self._is_avoiding:
+            return False
+        turned = self._avoidance.update(heading_rad, self._reflex(ranges_m), self._chance)
+        self._is_avoiding = bool(self._avoidance.is_active[0])
+        return turned.size > 0
 
     def _reflex(self, ranges_m: Floats) -> Floats:
         """Leave to Table I only what the memory cannot explain.
@@ -459,22 +470,23 @@ class Explorer:
 
     # -- moving --------------------------------------------------------------------------------
 
-    def _fly(self, place: list[float], peers_m: Floats) -> None:
+    def _fly(self, place: list[float], peers_m: list[list[float]]) -> None:
         """Move by Eq. 6, one random number per term, and keep the speed limits."""
         params, target = self.params, self._target or place
-        away_m, social = np.zeros((1, self._d)), 0.0
-        if params.social and peers_m.shape[1]:
-            away_m, _ = repulsion(peers_m, params.repulsion_vertical, params.repulsion_max)
+        away_m, social = [0.0] * self._d, 0.0
+        if params.social and peers_m:
+            away_m = repel(peers_m, params.repulsion_vertical, params.repulsion_max)
             social = params.social
-        motion_m = next_motion(
-            np.array([self._motion[: self._d]]),
-            np.array([target]) - np.array([place]),
+        motion_m = fly_one(
+            self._motion[: self._d],
+            [t - p for t, p in zip(target, place, strict=True)],
             away_m,
-            self._chance.uniform(_ROW, 2),
+            self._chance.draw(0, 2),
             (params.inertia, params.cognitive, social),
+            self._level_m,
+            self._climb_m,
         )
-        limited_m, _ = limit_motion(motion_m, self._level_m, self._climb_m)
-        self._motion = three(limited_m[0].tolist())
+        self._motion = three(motion_m)
         self._commanded_m = math.hypot(*self._motion)
 
     def _avoid(self) -> None:
@@ -513,12 +525,19 @@ def warm_up(params: PlannerParams) -> None:
     kernels.unknown_within(explorer.memory.grid, 0, 0, 0, 1)
 
 
-def _stray(point: list[float], start: list[float], end: list[float]) -> float:
-    """Measure the distance of a point from a segment."""
-    along = sum((e - s) * (p - s) for p, s, e in zip(point, start, end, strict=True))
+def _strays(points: Sequence[list[float]], start: list[float], end: list[float]) -> bool:
+    """Tell whether a point is farther than DEVIATION_M from a segment."""
+    way = [e - s for s, e in zip(start, end, strict=True)]
     length2 = math.dist(start, end) ** 2
-    t = min(1.0, max(0.0, along / length2)) if length2 > 0.0 else 0.0
-    return math.dist(point, [s + t * (e - s) for s, e in zip(start, end, strict=True)])
+    for point in points:
+        t = 0.0
+        if length2 > 0.0:
+            along = sum([w * (p - s) for w, p, s in zip(way, point, start, strict=True)])
+            t = min(1.0, max(0.0, along / length2))
+        foot = [s + t * w for s, w in zip(start, way, strict=True)]
+        if math.dist(point, foot) > DEVIATION_M:
+            return True
+    return False
 
 
 def make_planner(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +19,8 @@ from swarm_ctl.explore.chance import Floats
 Grid = NDArray[np.uint8]
 Cells = Any
 """Bytes, one per cell, or an array of them."""
+Point = Sequence[float] | Floats
+"""Three numbers; one by one a tuple is quicker made than an array."""
 Call = TypeVar("Call", bound=Callable[..., Any])
 
 VISITED = 1
@@ -56,7 +58,7 @@ compiled = _compiler()
 
 @compiled
 def paint(  # noqa: C901 - calls cost more than branches where this is not compiled
-    grid: Grid, start: Floats, end: Floats, half: float, is_square: bool
+    grid: Grid, start: Point, end: Point, half: float, is_square: bool
 ) -> None:
     """Mark what a footprint sweeps from `start` to `end` (3,); the grid must hold all of it.
 
@@ -305,7 +307,7 @@ def fill(unknown: Cells, offsets: Any, cell: int, pocket: Any) -> int:
 
 
 @compiled
-def wall_within(grid: Grid, place: Floats, radius: float) -> bool:
+def wall_within(grid: Grid, place: Point, radius: float) -> bool:
     """Tell whether a wall's nearest point is within `radius` cells of a position, at its height."""
     x, y, z = place[0], place[1], place[2]
     for i in range(math.floor(x - radius), math.floor(x + radius) + 1):

@@ -58,8 +58,9 @@ class VisitedMap:
     def _place(self, position_m: Sequence[float] | Floats) -> tuple[float, float, float]:
         """Give the same as three numbers: a point is quicker without an array."""
         (x, y, z), cell_m = self._corner, self.cell_m
-        deep = position_m[2] / cell_m - z if self.dimensions == 3 else 0.5
-        return position_m[0] / cell_m - x, position_m[1] / cell_m - y, deep
+        if self.dimensions == 2:
+            return position_m[0] / cell_m - x, position_m[1] / cell_m - y, 0.5
+        return position_m[0] / cell_m - x, position_m[1] / cell_m - y, position_m[2] / cell_m - z
 
     def metres(self, cells: Sequence[float] | Floats) -> list[float]:
         """Turn a position in cells (3,) into metres (dimensions,)."""
@@ -74,12 +75,13 @@ class VisitedMap:
 
     def sweep(self, start_m: Sequence[float] | Floats, end_m: Sequence[float] | Floats) -> None:
         """Mark what the footprint sweeps along a straight segment."""
-        self._reserve(self._place(start_m), self._place(end_m), self._half + 1.0)
-        start, end = self.cells(start_m), self.cells(end_m)
+        start, end = self._place(start_m), self._place(end_m)
+        if self._reserve(start, end, self._half + 1.0):
+            start, end = self._place(start_m), self._place(end_m)
         if kernels.IS_COMPILED:
             kernels.paint(self.grid, start, end, self._half, self._is_square)
         else:
-            _paint(self.grid, start, end, self._half, is_square=self._is_square)
+            _paint(self.grid, np.array(start), np.array(end), self._half, is_square=self._is_square)
 
     @contextmanager
     def supposed(
@@ -107,12 +109,16 @@ class VisitedMap:
         few beams would leave gaps in it otherwise.
         """
         x, y, z = place = self._place(point_m)
+        i, j, k = math.floor(x), math.floor(y), math.floor(z)
+        cx, cy, cz = self._corner
+        if (i + cx, j + cy, k + cz, axis) in self._walls:
+            return False  # as for most, and when it was marked, there was room around its cell
         if self._reserve(place, place, self._dilation + 2.0):
             x, y, z = self._place(point_m)
-        i, j, k = math.floor(x), math.floor(y), math.floor(z)
+            i, j, k = math.floor(x), math.floor(y), math.floor(z)
+            cx, cy, cz = self._corner
         if not self._holds(i, j, k):
             return False
-        cx, cy, cz = self._corner
         wall = (i + cx, j + cy, k + cz, axis)
         if wall in self._walls:
             return False

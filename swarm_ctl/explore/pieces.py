@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 START, LINE, WALL_X, WALL_Y, WALL_Z = range(5)
@@ -44,12 +45,12 @@ def encode(origin: int, begin: int, shift_m: Shift, entries: Sequence[Entry]) ->
     """
     dimensions = len(shift_m)
     head = bytes([VERSION << 4 | dimensions]) + varint(origin) + varint(begin)
-    shift = (max(-32767, min(32767, round(value * 100.0))) for value in shift_m)
+    shift = [max(-32767, min(32767, round(value * 100.0))) for value in shift_m]
     head += struct.pack(f"<{dimensions}h", *shift)
     room = PAYLOAD_BYTES - len(head) - 2
     chosen = entries[begin : begin + 2 * room // (4 * dimensions + 1)]
     kinds = [entry.kind for entry in chosen] + [0] * (len(chosen) % 2)
-    packed = bytes(low | high << 4 for low, high in zip(kinds[::2], kinds[1::2], strict=True))
+    packed = bytes([low | high << 4 for low, high in zip(kinds[::2], kinds[1::2], strict=True)])
     points = [value for entry in chosen for value in entry.point_cm]
     data = head + bytes([len(chosen)]) + packed + struct.pack(f"<{len(points)}h", *points)
     return data, len(chosen)
@@ -69,12 +70,11 @@ def decode(data: bytes, dimensions: int) -> Piece | None:
         numbers = struct.unpack_from(f"<{count * dimensions}h", data, at + 1 + len(kinds))
     except (IndexError, ValueError, struct.error):
         return None
-    entries = []
-    for index in range(count):
-        kind = kinds[index // 2] >> 4 * (index % 2) & 15
-        if kind > WALL_Z:
-            return None
-        entries.append(Entry(kind, numbers[index * dimensions : (index + 1) * dimensions]))
+    halves = [half for pair in kinds for half in (pair & 15, pair >> 4)][:count]
+    if count and max(halves) > WALL_Z:
+        return None
+    points = zip(*[iter(numbers)] * dimensions, strict=True)
+    entries = list(map(Entry, halves, points))
     return Piece(origin, begin, shift, entries) if begin <= MOST_ENTRIES else None
 
 
@@ -88,6 +88,7 @@ def read_summary(summary: bytes) -> list[tuple[int, int]] | None:
     return pairs if summary[:1] == bytes([VERSION]) else None
 
 
+@lru_cache(4096)
 def varint(number: int) -> bytes:
     """Pack a number, seven bits a byte, the lowest first."""
     packed = bytearray()

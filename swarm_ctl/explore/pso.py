@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from swarm_ctl.explore.chance import Floats
@@ -53,3 +55,30 @@ def fly(
     """Give the next motions within the limits and their lengths along the ground."""
     motion_m = next_motion(motion_m, local_best_m, global_best_m, chance, weights)
     return limit_motion(motion_m, level_m, climb_m)
+
+
+def fly_one(
+    motion_m: Sequence[float],
+    local_best_m: Sequence[float],
+    global_best_m: Sequence[float],
+    chance: Sequence[float],
+    weights: tuple[float, float, float],
+    level_m: float,
+    climb_m: float,
+) -> list[float]:
+    """Give what `fly` gives for one vehicle and one number per term: bit for bit, sooner."""
+    omega, p_omega, n_omega = weights
+    pull, push = p_omega * chance[0], n_omega * chance[1]
+    motion = [
+        omega * before + pull * local_best + push * global_best
+        for before, local_best, global_best in zip(
+            motion_m, local_best_m, global_best_m, strict=True
+        )
+    ]
+    # numpy's hypot is the C library's, and so is this one; math.hypot rounds otherwise.
+    kappa = level_m / max(abs(complex(motion[0], motion[1])), level_m)
+    if len(motion) == 3:
+        steep = climb_m / max(abs(motion[2]), climb_m)
+        if steep < kappa or steep != steep:  # noqa: PLR0124 - what is no number must show
+            kappa = steep
+    return [part * kappa for part in motion]

@@ -46,7 +46,7 @@ class Swath:
         self._lanes = np.array(swath + edges)
         self.overhead = 1.0 if self._d == 2 else 2.0 / (self.pitch * cell)
         """Samples added to every step's length: short steps cost a decision, too."""
-        self._strip = (2.0 * self.width_m if self._d == 2 else 3.0) / cell
+        self._strip = np.array([(2.0 * self.width_m if self._d == 2 else 3.0) / cell])
         self._rated = np.zeros((params.candidates, 4))
         self._one = np.zeros((1, 4))
         headings = np.arange(8) * (math.pi / 4.0)
@@ -80,6 +80,14 @@ class Swath:
         )
         return lanes
 
+    def _lanes_across(self, x: float, y: float, z: float) -> Floats:
+        """Give what `lanes` gives for one direction, (1, m, 3): sooner, bit for bit."""
+        level = max(abs(complex(x, y)), 1e-9)  # numpy's hypot; math.hypot rounds otherwise
+        side = np.array([-y / level, x / level, 0.0])
+        rise = np.array([-z * x / level, -z * y / level, level])
+        lanes: Floats = self._lanes[None, :, :1] * side + self._lanes[None, :, 1:] * rise
+        return lanes
+
     def rate(
         self,
         memory: VisitedMap,
@@ -109,15 +117,15 @@ class Swath:
         """Count the new samples in the strip towards a target; also the free way there, m."""
         away = [t - p for t, p in zip(target, place, strict=True)]
         far = max(math.hypot(*away), 1e-9)
-        direction = np.array([[*three(away)]]) / far
+        direction = [part / far for part in three(away)]
         _rate(
             memory.grid,
             memory.cells(place),
-            direction,
-            self.lanes(direction),
+            np.array([direction]),
+            self._lanes_across(*direction),
             self._bodies,
             self.inner,
-            np.array([self._strip]),
+            self._strip,
             self.pitch,
             self._stride,
             self._one,

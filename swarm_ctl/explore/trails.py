@@ -193,10 +193,12 @@ class Trails:
         self._contacts.hear_piece(peer, piece.origin, piece.begin + len(piece.entries))
         if piece.origin == self.own:
             return []
-        shift = tuple(
-            own + cm / 100.0 for own, cm in zip(peer.shift_m, piece.shift_cm, strict=True)
-        )
-        return self._merge(piece, peer.shift_m if piece.origin == peer.origin else shift)
+        shift_m = peer.shift_m
+        if piece.origin != peer.origin:
+            shift_m = tuple(
+                [own + cm / 100.0 for own, cm in zip(shift_m, piece.shift_cm, strict=True)]
+            )
+        return self._merge(piece, shift_m)
 
     @property
     def _is_full(self) -> bool:
