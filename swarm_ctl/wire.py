@@ -23,7 +23,8 @@ _SIGNATURE_LENGTH = 13
 _GARBAGE, _UNREADABLE = -1, -2  # in place of an id: no frame here; a frame with unknown flags
 _MAGICS = b"\xfd\xfe"
 _MAGIC = re.compile(b"[" + _MAGICS + b"]")
-_LENGTH_AND_ID = Struct("<xB5x3s").unpack_from  # of MAVLink 2
+_TRAILER = Struct("<H").pack  # the CRC
+_RIM = Struct("<xBB4x3s").unpack_from  # length, flags and id of MAVLink 2
 
 
 class _Table:
@@ -67,7 +68,7 @@ _TABLES: dict[int, Any] = {**dialect.mavlink_map, **{table.id: table for table i
 _CRC_EXTRAS = {number: bytes([table.crc_extra]) for number, table in _TABLES.items()}
 _IDS = {table.msgname: number for number, table in _TABLES.items()}
 _PACK_ERRORS = (StructError, TypeError, ValueError, OverflowError)
-_Read = Callable[[bytes, "Parser"], Any]
+_Read = Callable[[bytes, bytes, "Parser"], Any]
 
 
 class _Field(NamedTuple):
@@ -168,9 +169,9 @@ def pack(seq, sysid, compid, {parameters}):
 _STARTS = [bytes([_V2, max(end - 10, 1)]) for end in range(10 + 256)]  # trimmed to this end
 
 _READ_SOURCE = """
-def read(raw, parser):
+def read(body, raw, parser):
     {unpacking}
-    if magic != 0xFD or flags or crc(raw[1:-2] + extra) != expected:
+    if magic != 0xFD or flags > 1 or crc(body[1:-2] + extra) != expected:
         return None
     source = sysid | compid << 8
     if parser._next_seq.get(source) == seq:
@@ -180,12 +181,12 @@ def read(raw, parser):
     return {result}
 """
 _WHOLE_FRAME = """
-    whole = raw if len(raw) == {size} else raw[:-2].ljust({size} - 2, b"\\0") + raw[-2:]
+    whole = body if len(body) == {size} else body[:-2].ljust({size} - 2, b"\\0") + body[-2:]
     magic, flags, seq, sysid, compid, {slots} expected = unpack(whole)
 """
 _RIMS = """
-    magic, flags, seq, sysid, compid = unpack(raw)
-    expected = raw[-2] | raw[-1] << 8
+    magic, flags, seq, sysid, compid = unpack(body)
+    expected = body[-2] | body[-1] << 8
 """
 
 
@@ -239,9 +240,10 @@ class Message:
 
     @cached_property
     def read(self) -> _Read:
-        """Make a `Frame` of a whole plain MAVLink 2 frame, and note its seq with a parser.
+        """Make a `Frame` of a MAVLink 2 frame up to its CRC, and note its seq with a parser.
 
-        A wrong CRC, or flags, give None, and a payload longer than ours raises struct's error.
+        The whole frame, its signature as well if it has one, is passed on as `raw`. A wrong CRC,
+        or flags we do not know, give None; a payload longer than ours raises struct's error.
         """
         slots = "".join(f"{s}, " for i, f in enumerate(self._wire_order) for s in f.slots(i))
         fields = ", ".join(self._wire_order[i].unpacking(i) for i in self._wire_indices)
@@ -266,7 +268,7 @@ class Message:
 
     def unpack(self, payload: bytes) -> Any:
         """Read `values` from a payload: what is missing is zero, what is too much is ignored."""
-        return self.read(self.plain(payload), Parser(())).values
+        return self.read(self.plain(payload), b"", Parser(())).values
 
     def _packer(
         self, magic: int, number: int | bytes, fields: list[_Field]
@@ -306,7 +308,7 @@ class Message:
             "padded": _padded,
             "crc": mcrf4xx,
             "extra": _CRC_EXTRAS[self.id],
-            "trailer": Struct("<H").pack,
+            "trailer": _TRAILER,
             "starts": _STARTS,
             "new": tuple.__new__,
             "Frame": Frame,
@@ -339,8 +341,8 @@ def message(key: str | int) -> Message:
 
 def checksum(body: bytes) -> bytes:
     """Give the CRC of a MAVLink 2 frame of our dialect: of all that stands after its magic."""
-    number = int.from_bytes(body[6:9], "little")
-    return struct.pack("<H", mcrf4xx(body + _CRC_EXTRAS[number]))
+    number = body[6] | body[7] << 8 | body[8] << 16
+    return _TRAILER(mcrf4xx(body + _CRC_EXTRAS[number]))
 
 
 class Frame(NamedTuple):
@@ -396,9 +398,9 @@ class Parser:
         if self._rest or data.__class__ is not bytes:
             return self._resume(data)
         readers, at, end = self._readers, 0, len(data)
-        if end > 11 and data[1] + 12 == end:
+        if end > 11 and data[1] + 12 == end and not data[2]:
             try:
-                frame = readers[data[7:10]](data, self)
+                frame = readers[data[7:10]](data, data, self)
             except (StructError, KeyError):
                 frame = None
             if frame is not None:
@@ -408,9 +410,13 @@ class Parser:
         good = 0
         while at < end:
             try:
-                length, number = _LENGTH_AND_ID(data, at)
-                stop = at + 12 + length
-                frame = readers[number](data[at:stop], self) if stop <= end else None
+                length, flags, number = _RIM(data, at)
+                tail = at + 12 + length
+                body = data[at:tail]
+                # flags mean a signature, or what `read` refuses
+                stop = tail + _SIGNATURE_LENGTH if flags else tail
+                raw = data[at:stop] if flags else body
+                frame = readers[number](body, raw, self) if stop <= end else None
             except (StructError, KeyError):
                 frame = None
             if frame is None:
@@ -431,7 +437,7 @@ class Parser:
         return self._lost.get(sysid, 0)
 
     def _read_odd(self, data: bytes, at: int, frames: list[Frame]) -> int:
-        """Take what is no plain MAVLink 2 frame, or the first of its id.
+        """Take what is no frame of MAVLink 2 as we know it, or the first of its id.
 
         Gives where to go on; that is `at` while bytes are missing.
         """
@@ -445,9 +451,9 @@ class Parser:
         known = _message(number)
         read = known.read if number in self._subscribed else known.skim
         self._readers[number.to_bytes(3, "little")] = read
-        frame = read(known.plain(data[start:tail], seq, source), self)
+        frame = read(known.plain(data[start:tail], seq, source), data[at:stop], self)
         if frame is not True:
-            frames.append(frame._replace(raw=data[at:stop]))
+            frames.append(frame)
         self.stats.frames += 1
         return stop
 
