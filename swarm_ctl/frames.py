@@ -57,7 +57,8 @@ def body_to_ned(vector: Vec3, roll_rad: float, pitch_rad: float, yaw_rad: float)
     x, y, z = vector
     y, z = cr * y - sr * z, sr * y + cr * z
     x, z = cp * x + sp * z, -sp * x + cp * z
-    return turn(Vec3(x, y, z), yaw_rad)
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return Vec3(c * x - s * y, s * x + c * y, z)
 
 
 def enu_to_ned(vector: Vec3) -> Vec3:

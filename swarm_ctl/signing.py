@@ -146,6 +146,11 @@ class Gatekeeper:
         self.advance(now)
 
     @property
+    def is_open(self) -> bool:
+        """Whether everybody may enter, as there is no key."""
+        return self._signer is None
+
+    @property
     def timestamp(self) -> int:
         """The latest timestamp that was sent or accepted; 0 without a key."""
         return 0 if self._signer is None else self._signer.timestamp

@@ -174,12 +174,13 @@ class Agent:
 
     def receive(self, data: bytes, now: float) -> None:
         """Take a datagram from the vehicle's link; never raises on what is in it."""
-        own, telemetry, gate = self.sysid, self.telemetry, self.sender.gate
+        own, take, gate = self.sysid, self.telemetry.receive, self.sender.gate
+        is_guarded = not gate.is_open
         for frame in self.parser.feed(data):
-            if gate.refusal(frame):
+            if is_guarded and gate.refusal(frame):
                 continue
             if frame.sysid == own:
-                telemetry.receive(frame, now)
+                take(frame, now)
             elif frame.id == _TUNNEL_ID:
                 self._hear(frame, now)
             elif frame.id in COMMAND_IDS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from swarm_ctl.agent.frame import FAR_M, Place
 from swarm_ctl.agent.phases import Phase
@@ -30,8 +30,7 @@ MOST_HEARD = (128 - _HEAD.size) // _ID.size
 """sysids that fit into a beacon."""
 
 
-@dataclass(frozen=True, slots=True)
-class Beacon:
+class Beacon(NamedTuple):
     """State and intent of one vehicle."""
 
     mission: int
@@ -82,19 +81,19 @@ def decode(payload: bytes) -> Beacon | None:
         return None
     version, mission, phase, *numbers, kind, a, b, c, count = _HEAD.unpack_from(payload)
     fits = _HEAD.size + count * _ID.size <= len(payload)
-    has_target = numbers[6] != _NO_TARGET
-    is_near = max(map(abs, numbers[: 9 if has_target else 6])) <= FAR_CM
+    velocity, position, target = numbers[:3], numbers[3:6], numbers[6:]
+    has_target = target[0] != _NO_TARGET
+    told = numbers if has_target else numbers[:6]
+    is_near = max(told) <= FAR_CM and min(told) >= -FAR_CM
     if version != VERSION or phase >= len(_PHASES) or not fits or not is_near:
         return None
-    heard = struct.unpack_from(f"<{count}I", payload, _HEAD.size)
-    velocity, position, target = (metres(numbers[at : at + 3]) for at in (0, 3, 6))
     return Beacon(
         mission,
         _PHASES[phase],
-        velocity,
-        position,
-        target if has_target else None,
-        heard,
+        metres(velocity),
+        metres(position),
+        metres(target) if has_target else None,
+        struct.unpack_from(f"<{count}I", payload, _HEAD.size) if count else (),
         _start(kind, a, b, c),
     )
 
@@ -111,6 +110,8 @@ def _packed_start(start: Place | None) -> tuple[int, ...]:
 
 def _start(kind: int, a: int, b: int, c: int) -> Place | None:
     """Read a start; one that is nowhere is none."""
+    if kind == _NO_START:
+        return None
     if kind == _SURVEYED:
         return metres([a, b, c])
     is_somewhere = abs(a) <= 900_000_000 and abs(b) <= 1_800_000_000
@@ -119,7 +120,10 @@ def _start(kind: int, a: int, b: int, c: int) -> Place | None:
 
 def centimetres(vector: Vec3, most: int = FAR_CM) -> list[int]:
     """Give a vector as it travels, no component larger than `most`."""
-    return [max(-most, min(most, round(value * 100.0))) for value in vector]
+    numbers = [round(value * 100.0) for value in vector]
+    if max(numbers) <= most and min(numbers) >= -most:
+        return numbers
+    return [max(-most, min(most, number)) for number in numbers]
 
 
 def metres(numbers: Sequence[int]) -> Vec3:

@@ -153,11 +153,12 @@ class Peer:
 
     def measured(self, own: Vec3, now: float) -> Neighbour | None:
         """Give where its track leads to; the nearer of two places while fixes disagree with it."""
-        if self.track is None or not self._is_tracked(now):
+        track = self.track
+        if track is None or not self._is_tracked(now):
             return None
-        place, velocity, sigma_m = self.track.at(now)
-        offset = minus(place, own)
-        if self.track.rivals and (rival := self.track.rival_at(now)) is not None:
+        (x, y, z), velocity, sigma_m = track.at(now)
+        offset = Vec3(x - own[0], y - own[1], z - own[2])
+        if track.rivals and (rival := track.rival_at(now)) is not None:
             offset = min(offset, minus(rival, own), key=lambda way: math.hypot(*way))
         doubt = MOST_DOUBT_M if self.is_at_odds(now) else doubt_m(DOUBT_SIGMAS * sigma_m)
         return Neighbour(offset, velocity, doubt)

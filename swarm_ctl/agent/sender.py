@@ -9,8 +9,8 @@ from swarm_ctl.agent.orders import Ack
 from swarm_ctl.autopilot.base import AUTOPILOT_COMPONENT, COMPANION_COMPONENT, Autopilot
 from swarm_ctl.autopilot.command import Command
 from swarm_ctl.autopilot.setpoints import Target
-from swarm_ctl.frames import Geodetic, turn, wrap_rad
-from swarm_ctl.model import ZERO, Setpoint
+from swarm_ctl.frames import Geodetic, wrap_rad
+from swarm_ctl.model import ZERO, Setpoint, Vec3
 from swarm_ctl.signing import Gatekeeper
 
 _HEARTBEAT = wire.message("HEARTBEAT")
@@ -35,6 +35,7 @@ class Sender:
         """Turn setpoints for an estimator whose x axis points so far clockwise from north."""
         self.sysid = sysid
         self._yaw_offset_rad = yaw_offset_rad
+        self._cos, self._sin = math.cos(-yaw_offset_rad), math.sin(-yaw_offset_rad)
         self.sent = 0
         self.gate = Gatekeeper()
 
@@ -61,16 +62,16 @@ class Sender:
 
     def setpoint(self, wanted: Setpoint, now: float) -> bytes:
         """Demand velocity and heading in the vehicle's local NED frame; no number is a stop."""
-        velocity, yaw_rad = wanted
-        is_one = all(map(math.isfinite, velocity))
-        turned = turn(velocity, -self._yaw_offset_rad) if is_one else ZERO
+        (x, y, z), yaw_rad = wanted
+        if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
+            x, y = self._cos * x - self._sin * y, self._sin * x + self._cos * y
+        else:
+            x, y, z = ZERO
         if not math.isfinite(yaw_rad):
-            return self._target(Target(velocity_m_s=turned), now)
+            return self._target(Target(velocity_m_s=Vec3(x, y, z)), now)
         yaw = wrap_rad(yaw_rad - self._yaw_offset_rad) or 0.0  # which takes the sign off a zero
-        boot_ms, whom = int(now * 1000.0) & 0xFFFFFFFF, (self.sysid, AUTOPILOT_COMPONENT)
-        return self._pack(
-            *(_SETPOINT, boot_ms, *whom, _FRAME, _MASK), *_NONE, *turned, *_NONE, yaw, 0.0
-        )
+        head = int(now * 1000.0) & 0xFFFFFFFF, self.sysid, AUTOPILOT_COMPONENT, _FRAME, _MASK
+        return self._pack(_SETPOINT, *head, *_NONE, x, y, z, *_NONE, yaw, 0.0)
 
     def target(self, wanted: Target, now: float, pilot: Autopilot | None = None) -> bytes:
         """Ask for a target; ValueError says why an autopilot would not fly it as it is meant."""

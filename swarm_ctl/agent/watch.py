@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from swarm_ctl.agent.endurance import Endurance
 from swarm_ctl.agent.failsafe import Health, Verdict, verdict
-from swarm_ctl.agent.phases import EXPLORES, STEERING, Cause, Phase
+from swarm_ctl.agent.phases import BEFORE_START, EXPLORES, STEERING, Cause, Phase
 from swarm_ctl.agent.regain import heard_again, who_has_it
 from swarm_ctl.model import Vec3
 
@@ -31,6 +31,9 @@ else its height hangs, and nobody knows how high it is."""
 TIME_OVER = "exploration time is over"
 
 _AIRBORNE = frozenset({Phase.TAKEOFF, Phase.LANDING, *STEERING})
+_CLIMBS = frozenset({Phase.ARMING, Phase.TAKEOFF})
+_FLIES_OFFBOARD = STEERING | {Phase.TAKEOFF}
+_NOT_OURS = frozenset({Phase.LOST, Phase.YIELDED})
 
 
 @dataclass(slots=True)
@@ -63,12 +66,12 @@ class Vigil:
 
 def watch(agent: Agent) -> None:
     """Change the phase when something outside the plan demands it."""
-    if agent.phase in {Phase.CONNECTING, Phase.READY}:
+    if agent.phase in BEFORE_START:
         _watch_start(agent)
         return
     _watch_mode(agent)
     health = _health(agent)
-    if agent.phase in {Phase.LOST, Phase.YIELDED}:
+    if agent.phase in _NOT_OURS:
         _watch_from_afar(agent, health.silent_s)
         return
     judged = verdict(health, agent.orders.limits)
@@ -79,7 +82,7 @@ def watch(agent: Agent) -> None:
     elif _has_lost_the_stick(agent):
         agent.commands.clear()
         agent.enter(Cause.PILOT, who_has_it(agent))
-    elif agent.phase in {Phase.ARMING, Phase.TAKEOFF}:
+    elif agent.phase in _CLIMBS:
         _watch_climb(agent, judged)
     elif agent.phase in STEERING:
         _watch_flight(agent, judged)
@@ -250,7 +253,7 @@ def _has_lost_the_stick(agent: Agent) -> bool:
         if not telemetry.armed or telemetry.heartbeat_s < telemetry.mode_changed_s:
             return False  # PX4 leaves the mode by itself when it has disarmed
         lost_s = max(lost_s, agent.entered_s)
-    if agent.phase not in STEERING | {Phase.TAKEOFF} and telemetry.custom_mode == vigil.mode_before:
+    if agent.phase not in _FLIES_OFFBOARD and telemetry.custom_mode == vigil.mode_before:
         grace_s = math.inf if agent.phase is Phase.ARMING else MODE_LAG_S
     elif telemetry.may_resume:
         grace_s = FAILSAFE_S

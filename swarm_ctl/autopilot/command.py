@@ -184,6 +184,8 @@ class CommandQueue:
 
     def poll(self, now: float) -> tuple[tuple[Command, int] | None, Answer | None]:
         """Give the command to send now with its confirmation count, and one that timed out."""
+        if self._current is None and not self._waiting:
+            return None, None
         self._make_way(now)
         timed_out, current = None, self._current
         if current is not None and current.sent >= self.attempts and now >= current.next_s:
