@@ -30,6 +30,10 @@ class Trail:
         """Where a cell was entered, in order: marked again, they give the same trail."""
         self._places: dict[Cell, Vec3] = {}
         self._joined: dict[Cell, set[Cell]] = {}
+        self._came_from: dict[Cell, Cell] = {}
+        """The next cell on the way home from each; empty when that has to be found anew."""
+        self._steps: dict[Cell, int] = {}
+        """How many cells that way has."""
         self._here: Cell | None = None
 
     def mark(self, position_ned_m: Vec3) -> None:
@@ -38,11 +42,12 @@ class Trail:
         if cell == self._here:
             return
         self.marks.append(position_ned_m)
-        if cell not in self._places:
+        is_new = cell not in self._places
+        if is_new:
             self._places[cell] = position_ned_m
             self._joined[cell] = set()
-        if self._here is not None:
-            self._join(cell, self._here)
+        if self._here is not None and self._here not in self._joined[cell]:
+            self._join(cell, self._here, is_new=is_new)
         self._here = cell
 
     def length_m(self) -> float:
@@ -51,28 +56,41 @@ class Trail:
             return 0.0
         return sum(math.dist(a, b) for a, b in pairwise(self.way_home()))
 
-    def _join(self, one: Cell, other: Cell) -> None:
-        self._joined[one].add(other)
-        self._joined[other].add(one)
+    def _join(self, cell: Cell, before: Cell, *, is_new: bool) -> None:
+        """Join two cells; ways home stay as they are unless the two were not equally far away."""
+        self._joined[cell].add(before)
+        self._joined[before].add(cell)
+        if not self._came_from:
+            return
+        if is_new:
+            self._came_from[cell] = before
+            self._steps[cell] = self._steps[before] + 1
+        elif self._steps[cell] != self._steps[before]:
+            self._came_from.clear()
 
     def way_home(self) -> list[Vec3]:
         """Fewest-cells way from here to where the trail began, the start last."""
         if self._here is None:
             return []
         home = next(iter(self._places))
-        came_from: dict[Cell, Cell] = {home: home}
-        queue = deque([home])
-        while queue and self._here not in came_from:
+        if not self._came_from:
+            self._find_ways(home)
+        way, cell = [], self._here
+        while cell != home:
+            cell = self._came_from[cell]
+            way.append(self._places[cell])
+        return way
+
+    def _find_ways(self, home: Cell) -> None:
+        """Find the way home from every cell."""
+        came_from, steps, queue = self._came_from, self._steps, deque([home])
+        came_from[home], steps[home] = home, 0
+        while queue:
             cell = queue.popleft()
             for neighbour in sorted(self._joined[cell]):
                 if neighbour not in came_from:
-                    came_from[neighbour] = cell
+                    came_from[neighbour], steps[neighbour] = cell, steps[cell] + 1
                     queue.append(neighbour)
-        way, cell = [], self._here
-        while cell != home:
-            cell = came_from[cell]
-            way.append(self._places[cell])
-        return way
 
 
 class Route:

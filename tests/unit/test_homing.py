@@ -2,8 +2,10 @@ import itertools
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from swarm_ctl.agent.homing import ROUTE_S, Homeward, Route, Trail
+from swarm_ctl.agent.homing import CELL_M, ROUTE_S, Homeward, Route, Trail
 from swarm_ctl.model import Vec3
 
 
@@ -42,6 +44,17 @@ def test_a_vehicle_that_never_moved_is_home() -> None:
     assert trail.way_home() == []
     trail.mark(Vec3(0, 0, 0))
     assert trail.way_home() == []
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), max_size=60))
+def test_ways_that_are_kept_up_are_those_that_are_found_anew(cells: list[tuple[int, int]]) -> None:
+    kept = Trail()
+    for north, east in cells:
+        kept.mark(Vec3(CELL_M * north, CELL_M * east, 0.0))
+        anew = Trail()
+        for place in kept.marks:
+            anew.mark(place)
+        assert kept.way_home() == anew.way_home()
 
 
 def test_a_route_is_flown_place_by_place_and_ends() -> None:
