@@ -150,6 +150,7 @@ class Fleet:
         """Compile the hot loops where numba is installed: worth it for more than one flight."""
         self.dynamics.compile()
         self.world.compile()
+        self.radio.compile()
 
     def sign_with(self, key: bytes, timestamp: int) -> None:
         """Give every vehicle the swarm's key; `timestamp` is that of mission time 0."""

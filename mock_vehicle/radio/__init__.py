@@ -65,6 +65,11 @@ class Radio:
             self._path_loss = PathLoss(spec.path_loss, spec.radius_m, n, walls, for_path)
         self._partitions = [Partition(one, self._sysids) for one in spec.partitions]
 
+    def compile(self) -> None:
+        """Measure peers by compiled loops, where numba is installed; the same bit for bit."""
+        if self._ranging is not None:
+            self._ranging.compile()
+
     def silence(self, sysid: int) -> None:
         """Take a vehicle off the air, in both directions, from now on."""
         index = self._sysids.index(sysid)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from collections import deque
 from collections.abc import Sequence
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +39,13 @@ class Ranging:
             0.0, math.radians(spec.bearing_bias_deg), (n, n, 3)
         )
         """What a unit vector from hearer (row) to peer (column) is beside, body FRD."""
+        self._loops: ModuleType | None = None
         self._untold: deque[tuple[float, list[list[PeerFix]]]] = deque()
+
+    def compile(self) -> None:
+        """Measure by loops that numba compiles, where it is installed."""
+        if importlib.util.find_spec("numba") is not None:
+            self._loops = importlib.import_module("mock_vehicle.world.loops")
 
     def measure(
         self,
@@ -65,10 +73,7 @@ class Ranging:
         heard: list[list[PeerFix]] = [[] for _ in self._sysids]
         if not len(hearer):
             return heard
-        gap = position_ned_m[peer] - position_ned_m[hearer]
-        ranges = np.sqrt(np.einsum("ij,ij->i", gap, gap))
-        roll, pitch, yaw = (angle[hearer] for angle in attitude_rad)
-        body = ned_to_body(gap / np.maximum(ranges, 1e-9)[:, None], roll, pitch, yaw)
+        ranges, body = self._gaze(pairs, position_ned_m, attitude_rad)
         if self._spec.blind:
             seen = ~_within(self._spec.blind, body)
             hearer, peer, ranges, body = hearer[seen], peer[seen], ranges[seen], body[seen]
@@ -78,6 +83,25 @@ class Ranging:
         for listener, talker, range_m, (x, y, z) in rows:
             heard[listener].append(PeerFix(self._sysids[talker], range_m, (x, y, z), now))
         return heard
+
+    def _gaze(
+        self,
+        pairs: tuple[INDICES, INDICES],
+        position_ned_m: FLOATS,
+        attitude_rad: tuple[FLOATS, FLOATS, FLOATS],
+    ) -> tuple[FLOATS, FLOATS]:
+        """Give the true ranges (k,) and directions in body FRD, (k, 3), of pairs."""
+        hearer, peer = pairs
+        if self._loops is not None:
+            angles, k = np.stack(attitude_rad), len(hearer)
+            measured = np.empty(k), np.empty((k, 3))
+            self._loops.gaze(position_ned_m, *pairs, np.cos(angles), np.sin(angles), *measured)
+            return measured
+        gap = position_ned_m[peer] - position_ned_m[hearer]
+        north, east, down = gap.T
+        ranges = np.sqrt(north * north + down * down + east * east)
+        roll, pitch, yaw = (angle[hearer] for angle in attitude_rad)
+        return ranges, ned_to_body(gap / np.maximum(ranges, 1e-9)[:, None], roll, pitch, yaw)
 
     def _bearings(self, hearer: INDICES, peer: INDICES, body: FLOATS) -> FLOATS:
         """Mistake unit vectors in body FRD, (k, 3)."""

@@ -163,6 +163,29 @@ def see_bodies(
 
 
 @compiled
+def gaze(
+    origins: Any, seers: Any, seen: Any, cosines: Any, sines: Any, ranges: Any, body: Any
+) -> None:
+    """Measure from seers (k,) to whom they see: ranges (k,) and unit vectors in body FRD, (k, 3).
+
+    `cosines` and `sines` are of everybody's roll, pitch and yaw, (3, n).
+    """
+    for pair in range(len(seers)):
+        i, j = seers[pair], seen[pair]
+        north, east = origins[j, 0] - origins[i, 0], origins[j, 1] - origins[i, 1]
+        down = origins[j, 2] - origins[i, 2]
+        ranges[pair] = math.sqrt(north * north + down * down + east * east)
+        scale = max(ranges[pair], 1e-9)
+        north, east, down = north / scale, east / scale, down / scale
+        cos, sin = cosines[2, i], sines[2, i]
+        forward, right = cos * north + sin * east, cos * east - sin * north
+        cos, sin = cosines[1, i], sines[1, i]
+        body[pair, 0], down = cos * forward - sin * down, sin * forward + cos * down
+        cos, sin = cosines[0, i], sines[0, i]
+        body[pair, 1], body[pair, 2] = cos * right + sin * down, cos * down - sin * right
+
+
+@compiled
 def clear(
     cap_m: float,
     points: Any,

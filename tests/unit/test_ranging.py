@@ -153,3 +153,18 @@ def test_ranging_is_true_false_or_a_section() -> None:
     assert RadioSpec.model_validate({"ranging": False}).ranging is None
     noisy = RadioSpec.model_validate({"ranging": {"range_noise_m": 0.05}}).ranging
     assert noisy == RangingSpec(range_noise_m=0.05)
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_compiled_radios_measure_as_the_others_bit_for_bit(*, noisy: bool) -> None:
+    pytest.importorskip("numba")
+    keys = {"range_noise_m": 0.1, "bearing_noise_deg": 3.0} if noisy else {}
+    plain, fast = (radio(9, radius_m=50.0, ranging=keys) for _ in range(2))
+    fast.compile()
+    dice = np.random.default_rng(1)
+    for _ in range(50):
+        places = [(n, e, d) for n, e, d in dice.normal(0.0, 5.0, (9, 3)).tolist()]
+        roll, pitch, yaw = dice.uniform(-math.pi, math.pi, (3, 9))
+        fixes = [air.fixes(listen(air, places), (roll, pitch, yaw), 0.0) for air in (plain, fast)]
+        assert fixes[0] == fixes[1]
+        assert sum(map(len, fixes[0])) == 72
