@@ -101,9 +101,9 @@ def consult(
 
     `last` is the row (n,) of the step before; `turns` is TURNS.
     """
+    if not ((ranges_m < distance_m).any() or last.any()):
+        return last, _NOBODY, _NOBODY
     row = table_row(ranges_m, distance_m, dimensions)
-    if not (last.any() or row.any()):
-        return row, _NOBODY, _NOBODY
     is_turning = turns[row]
     return row, is_turning.nonzero()[0], (turns[last] & ~is_turning).nonzero()[0]
 

@@ -50,13 +50,15 @@ class Chance:
         """Draw `count` numbers for each of `rows` (no row twice): shape (len(rows), count)."""
         if not 0 < count <= BLOCK:
             raise ValueError(f"a draw takes 1 to {BLOCK} numbers, not {count}")
+        if len(rows) == 1:
+            return np.array([self.draw(int(rows[0]), count)])
         for row in self._short(self._cursor, rows, BLOCK - count).tolist():
             self._generators[row].random(out=self._numbers[row])
             self._cursor[row] = 0
         return self._deal(self._numbers, self._cursor, rows, count)
 
     def draw(self, row: int, count: int) -> list[float]:
-        """Draw for one row what `uniform` would: quicker than arrays of one."""
+        """Draw for one row: quicker than arrays of one."""
         at = int(self._cursor[row])
         if at > BLOCK - count:
             self._generators[row].random(out=self._numbers[row])

@@ -196,8 +196,9 @@ def _rank(
         else:
             claimed.append(pocket)
     if open_:
-        near = _near(ranks.shape, open_, others.exclusion_m / memory.cell_m, memory.dimensions)
-        ranks[near & (ranks > 0)] += 1
+        at = np.argwhere(ranks)
+        near = _near(at, open_, others.exclusion_m / memory.cell_m, memory.dimensions)
+        ranks[tuple(at[near].T)] += 1
     for pocket in claimed:
         rim = (pocket[:, None] + offsets).ravel()
         row[rim[row[rim] > 0]] = kernels.SLIVER + 1
@@ -225,14 +226,15 @@ def _pocket(unknown: Cells, place: Floats, offsets: NDArray[np.int_]) -> NDArray
 
 
 def _near(
-    shape: tuple[int, ...], taken: Sequence[Floats], exclusion: float, dimensions: int
+    at: NDArray[np.intp], taken: Sequence[Floats], exclusion: float, dimensions: int
 ) -> NDArray[np.bool_]:
-    near = np.zeros(shape, dtype=np.bool_)
-    axes = [np.arange(size) + 0.5 for size in shape]
-    for x, y, z in taken:
-        far2 = ((axes[0] - x) ** 2)[:, None, None] + ((axes[1] - y) ** 2)[None, :, None]
+    """Tell of padded cells (n, 3) which are closer than `exclusion` to one of the places."""
+    near = np.zeros(len(at), dtype=np.bool_)
+    x, y, z = (at + 0.5).T
+    for place in taken:
+        far2 = (x - place[0]) ** 2 + (y - place[1]) ** 2
         if dimensions == 3:
-            far2 = far2 + ((axes[2] - z) ** 2)[None, None, :]
+            far2 = far2 + (z - place[2]) ** 2
         near |= far2 < exclusion * exclusion
     return near
 

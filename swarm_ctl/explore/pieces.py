@@ -35,7 +35,20 @@ class Piece(NamedTuple):
     begin: int
     shift_cm: tuple[int, ...]
     """From the origin's frame into the sender's."""
-    entries: list[Entry]
+    kinds: list[int]
+    numbers_cm: tuple[int, ...]
+    """The points, one after the other."""
+
+    @property
+    def end(self) -> int:
+        """The length of a log that ends with it."""
+        return self.begin + len(self.kinds)
+
+    def entries(self, known: int = 0) -> list[Entry]:
+        """Give the entries that are new where the log is known up to a length."""
+        skip, dimensions = max(0, known - self.begin), len(self.shift_cm)
+        points = zip(*[iter(self.numbers_cm[skip * dimensions :])] * dimensions, strict=True)
+        return list(map(Entry, self.kinds[skip:], points))
 
 
 def encode(origin: int, begin: int, shift_m: Shift, entries: Sequence[Entry]) -> tuple[bytes, int]:
@@ -66,16 +79,14 @@ def decode(data: bytes, dimensions: int) -> Piece | None:
         shift = struct.unpack_from(f"<{dimensions}h", data, at)
         at += 2 * dimensions
         count = data[at]
-        kinds = data[at + 1 : at + 1 + (count + 1) // 2]
-        numbers = struct.unpack_from(f"<{count * dimensions}h", data, at + 1 + len(kinds))
+        pairs = data[at + 1 : at + 1 + (count + 1) // 2]
+        numbers = struct.unpack_from(f"<{count * dimensions}h", data, at + 1 + len(pairs))
     except (IndexError, ValueError, struct.error):
         return None
-    halves = [half for pair in kinds for half in (pair & 15, pair >> 4)][:count]
-    if count and max(halves) > WALL_Z:
+    kinds = [kind for pair in pairs for kind in (pair & 15, pair >> 4)][:count]
+    if begin > MOST_ENTRIES or (count and max(kinds) > WALL_Z):
         return None
-    points = zip(*[iter(numbers)] * dimensions, strict=True)
-    entries = list(map(Entry, halves, points))
-    return Piece(origin, begin, shift, entries) if begin <= MOST_ENTRIES else None
+    return Piece(origin, begin, shift, kinds, numbers)
 
 
 def read_summary(summary: bytes) -> list[tuple[int, int]] | None:

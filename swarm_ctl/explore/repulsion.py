@@ -107,6 +107,13 @@ class Repulsion:
         """Take the peers (n, k, d) heard now; who hears nobody keeps the last vector, or none."""
         if not self._kept:
             self.vector_m[:] = 0.0
+        if peers_m.shape[1] == 0:
+            return
+        if len(peers_m) == 1 and peers_m.shape[1] <= FEW:
+            heard = [offset for offset in peers_m[0].tolist() if not math.isnan(offset[0])]
+            if heard:
+                self.vector_m[0] = repel(heard, self._vertical, self._longest_m)
+            return
         rows, inverse, away = self._hear(peers_m, NEAREST_M, self._vertical)
         if rows.size:
             self.vector_m[rows] = _push(inverse, away, self._longest_m)

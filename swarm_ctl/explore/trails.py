@@ -190,7 +190,7 @@ class Trails:
         if peer is None or not is_placed or peer.shift_m is None or self._is_full:
             self.dropped += 1
             return []
-        self._contacts.hear_piece(peer, piece.origin, piece.begin + len(piece.entries))
+        self._contacts.hear_piece(peer, piece.origin, piece.end)
         if piece.origin == self.own:
             return []
         shift_m = peer.shift_m
@@ -211,13 +211,13 @@ class Trails:
             self.dropped += 1
         else:
             held = log.waiting.get(piece.begin)
-            if held is None or len(held.entries) < len(piece.entries):
+            if held is None or held.end < piece.end:
                 log.waiting[piece.begin] = piece
         news = []
         for begin in sorted(log.waiting):
             if begin > len(log.entries):
                 break
-            fresh = log.waiting.pop(begin).entries[len(log.entries) - begin :]
+            fresh = log.waiting.pop(begin).entries(len(log.entries))
             if fresh and len(log.entries) + len(fresh) <= MOST_ENTRIES:
                 news.append(log.extend(fresh, shift_m))
         self._offer(piece.origin, log)

@@ -10,14 +10,16 @@ from swarm_ctl.explore.pso import fly, fly_one
 from swarm_ctl.explore.repulsion import FEW, repel, repulsion
 from swarm_ctl.explore.swath import Swath
 
-ONE = np.zeros(1, dtype=np.intp)
+BOTH = np.arange(2, dtype=np.intp)
 
 
 def test_a_draw_for_one_vehicle_deals_the_same_numbers() -> None:
-    arrays, plain = Chance([7]), Chance([7])
+    arrays, plain = Chance([7, 8]), Chance([7])
     counts = np.random.default_rng(1).integers(1, 60, 100).tolist()
     for count in counts:
-        assert plain.draw(0, count) == arrays.uniform(ONE, count)[0].tolist()
+        expected = arrays.uniform(BOTH, count)[0].tolist()
+        assert plain.draw(0, count) == expected
+    assert plain.uniform(BOTH[:1], 5).tolist() == arrays.uniform(BOTH, 5)[:1].tolist()
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -158,7 +158,7 @@ def test_a_payload_holds_what_was_put_in(origin: int, begin: int, d: int, kinds:
     assert piece is not None
     assert (piece.origin, piece.begin) == (origin, begin)
     assert piece.shift_cm == (150, -225, 300)[:d]
-    assert piece.entries == entries[begin : begin + count]
+    assert piece.entries() == entries[begin : begin + count]
     assert count == min(len(kinds), count)
     assert count >= min(len(kinds), 15)
 
