@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from swarm_ctl.agent.frame import FAR_M, Place
@@ -75,6 +76,7 @@ def encode(beacon: Beacon) -> bytes:
     return head + b"".join(map(_ID.pack, heard))
 
 
+@lru_cache(maxsize=256)  # one beacon is heard by many, where many fly in one process
 def decode(payload: bytes) -> Beacon | None:
     """Read a beacon; None when it is none of ours or broken."""
     if len(payload) < _HEAD.size:
