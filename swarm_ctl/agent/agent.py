@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from swarm_ctl import wire
-from swarm_ctl.agent import beacon as beacons
-from swarm_ctl.agent.budget import Budget
 from swarm_ctl.agent.duties import DUTIES, IS_HOME
-from swarm_ctl.agent.frame import FrameParams, SharedFrame, shift_between
+from swarm_ctl.agent.frame import FrameParams, SharedFrame
 from swarm_ctl.agent.geofence import Guard, Motion
 from swarm_ctl.agent.homing import Homeward, Trail
 from swarm_ctl.agent.orders import COMMAND_IDS, COMMANDS, Inbox, obey
@@ -22,7 +20,6 @@ from swarm_ctl.agent.params import FlightParams, Limits, RangingParams
 from swarm_ctl.agent.peer import MOST_DOUBT_M, Neighbour
 from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import (
-    BEFORE_START,
     ENDED,
     EXPLORES,
     SILENT,
@@ -35,17 +32,16 @@ from swarm_ctl.agent.phases import (
 from swarm_ctl.agent.regain import HAS_LANDED, STILL_LANDING
 from swarm_ctl.agent.sender import Sender
 from swarm_ctl.agent.sharing import SCAN_M, Sharing
-from swarm_ctl.agent.victims import VICTIMS_TYPE, Victims
+from swarm_ctl.agent.talk import Talk
+from swarm_ctl.agent.victims import Victims
 from swarm_ctl.agent.watch import TIME_OVER, Vigil, missing, watch
 from swarm_ctl.autopilot import command as commands
-from swarm_ctl.autopilot.base import COMPANION_COMPONENT
 from swarm_ctl.autopilot.command import Answer, Command, CommandQueue, command
 from swarm_ctl.autopilot.telemetry import SCAN_HZ, SUBSCRIBED, Telemetry
 from swarm_ctl.explore.explorer import Explorer, make_planner
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
 
-HEARTBEAT_S = 1.0
 ROUND_TRIP_S = 0.1
 """What a link takes there and back that is not slow: `flight.response_s` has room for it."""
 REPEAT_S = 2.0
@@ -147,9 +143,9 @@ class Agent:
             self._sharing = Sharing(self._planner, orders.planner.dimensions)
             self.telemetry.streams.want(SCAN_HZ)
         self._scanned_s = -math.inf
-        self._tag, self._budget = beacons.mission_tag(orders.mission), Budget()
+        self.talk = Talk(self, self._sharing)
         self._events: list[Event] = []
-        self._next_heartbeat_s = self._next_beacon_s = self._next_ask_s = 0.0
+        self._next_ask_s = 0.0
 
     # -- what the shell calls ------------------------------------------------------------------
 
@@ -182,7 +178,7 @@ class Agent:
             if frame.sysid == own:
                 take(frame, now)
             elif frame.id == _TUNNEL_ID:
-                self._hear(frame, now)
+                self.talk.hear(frame, now)
             elif frame.id in COMMAND_IDS:
                 self.inbox.receive(frame)
 
@@ -190,7 +186,7 @@ class Agent:
         """Take what peers tell beside the vehicle's own link; nothing else is taken from there."""
         for frame in wire.Parser((_TUNNEL_ID,)).feed(data):
             if frame.sysid != self.sysid and not self.sender.gate.refusal(frame):
-                self._hear(frame, now)
+                self.talk.hear(frame, now)
 
     def tick(self, now: float) -> bytes:
         """Decide; give the frames to send, as one datagram (empty when there is nothing)."""
@@ -351,35 +347,6 @@ class Agent:
 
     # -- taking in -----------------------------------------------------------------------------
 
-    def _hear(self, frame: wire.Frame, now: float) -> None:
-        """Take a peer's broadcast; who has not told that he flies our mission is not ours."""
-        if frame.compid != COMPANION_COMPONENT:
-            return
-        sysid, payload_type = frame.sysid, frame.values.payload_type
-        payload = frame.values.payload[: frame.values.payload_length]
-        if payload_type == beacons.BEACON_TYPE:
-            beacon = beacons.decode(payload)
-            if beacon is None:
-                self.peers.unread += 1
-            elif beacon.mission == self._tag:
-                shift = shift_between(self.frame.start(self.telemetry), beacon.start)
-                self.peers.beacon(sysid, beacon, now, shift, frame.seq)
-            else:
-                self.peers.estrange(sysid, now)
-        elif not self.peers.is_ours(sysid):
-            return
-        elif payload_type == VICTIMS_TYPE:
-            self._hear_of_victims(sysid, payload, now)
-        elif self._sharing is not None:
-            self._sharing.hear(sysid, payload_type, payload)
-
-    def _hear_of_victims(self, sysid: int, payload: bytes, now: float) -> None:
-        """Take what a peer tells of victims; before the start there is no frame to place them."""
-        if self.is_ended or self.phase in BEFORE_START:
-            return
-        meeting = next((met for met in self.peers.met(now) if met.sysid == sysid), None)
-        self.victims.hear(sysid, payload, meeting)
-
     def _digest(self) -> None:
         """Turn what was heard since the last tick into state and facts."""
         telemetry = self.telemetry
@@ -467,35 +434,7 @@ class Agent:
             self.commands.request(command(commands.REQUEST_MESSAGE, _ORIGIN_ID))
             origin = self.frame.origin_to_tell
             frames += [] if origin is None else [sender.origin(origin)]
-        return frames + self._told_to_peers(now)
-
-    def _told_to_peers(self, now: float) -> list[bytes]:
-        """Give the frames to broadcast now: what peers must know, then trails as far as fits.
-
-        Those go with a beacon: a datagram costs a network more than what is in it.
-        """
-        frames, sender = [], self.sender
-        if now >= self._next_heartbeat_s:
-            self._next_heartbeat_s = now + HEARTBEAT_S
-            frames.append(sender.heartbeat())
-        has_place = self.telemetry.position_s > -math.inf and not self.vigil.distrust
-        is_known = self.telemetry.autopilot is not None and has_place
-        is_beacon_due = now >= self._next_beacon_s and is_known
-        if is_beacon_due:
-            self._next_beacon_s = now + beacons.PERIOD_S
-            frames.append(sender.broadcast(beacons.BEACON_TYPE, beacons.encode(self._beacon())))
-        if self.victims.known and is_known:
-            contacts = filter(self.peers.is_ours, self.peers.heard(now))
-            if payload := self.victims.outgoing(contacts, now):
-                frames.append(sender.broadcast(VICTIMS_TYPE, payload))
-        self._budget.spend(frames, now)
-        if self._sharing is not None and self.phase in STEERING and is_beacon_due:
-            room = self._budget.room(now)
-            extras = self._sharing.outgoing(bool(self.neighbours), now, room)
-            told = [sender.broadcast(*one) for one in extras]
-            self._budget.spend(told, now)
-            frames += told
-        return frames
+        return frames + self.talk.tell(now)
 
     def _last_word(self, velocity: Vec3) -> Setpoint:
         """Let the guard bend what the duty wants; nothing else makes a setpoint."""
@@ -514,23 +453,6 @@ class Agent:
             velocity, motion, ranges, self.neighbours + zones, knows_place=knows_place
         )
         return Setpoint(safe, self.yaw_rad)
-
-    def _beacon(self) -> beacons.Beacon:
-        return beacons.Beacon(
-            mission=self._tag,
-            phase=self.phase,
-            velocity_ned_m_s=self.telemetry.velocity_ned_m_s,
-            position_ned_m=self.telemetry.position_ned_m,
-            target_ned_m=self.target_ned_m if self.phase in EXPLORES else None,
-            heard=self.peers.announced(self.now),
-            start=self.frame.start(self.telemetry) if self._knows_its_place else None,
-        )
-
-    @property
-    def _knows_its_place(self) -> bool:
-        """Whether what it tells of its place is fresh, and counts from its start."""
-        is_fresh = self.now - self.telemetry.position_s <= self.orders.limits.link_hold_s
-        return is_fresh and self.phase is not Phase.CONNECTING
 
 
 def _rounded(place: Vec3) -> list[float]:

@@ -202,7 +202,7 @@ def test_vehicles_of_another_mission_are_kept_away_from_and_else_ignored(
         flight.fly_until(lambda: all_explore(flight))
         flight.fly(together_s)
     for agent in agents[2:]:
-        agent._tag = mission_tag("another")
+        agent.talk.tag = mission_tag("another")
     flight.fly(1.0)
     known = {
         (reader, writer): trails(flight, reader).length(writer)
@@ -228,7 +228,7 @@ def test_two_of_one_number_in_two_missions_are_nobodys_peer(launch: Launch) -> N
     counts = count_planned_with(reader)
 
     def fly_as_two() -> None:
-        double._tag = mission_tag("another" if double._tag == reader._tag else "hall")
+        double.talk.tag = mission_tag("another" if double.talk.tag == reader.talk.tag else "hall")
         flight.fly(0.2)
 
     for _ in range(10):

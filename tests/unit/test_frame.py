@@ -277,16 +277,16 @@ def test_who_has_lost_his_place_says_no_more_where_his_frame_begins(tmp_path: Pa
     one = agent(tmp_path, 1, {"shared": "surveyed", "starts_m": STARTS})
     one.now = 1.0
     hear_position(one.telemetry, Vec3(3.0, 0.0, 0.0))
-    assert one._beacon().start is None, "it is not known yet whether the position is any good"
+    assert one.talk.beacon().start is None, "it is not known yet whether the position is any good"
     one.phase = Phase.EXPLORING
-    assert one._beacon().start == (0.0, 0.0, 0.0)
+    assert one.talk.beacon().start == (0.0, 0.0, 0.0)
     one.now += one.orders.limits.link_hold_s + 0.1
-    assert one._beacon().start is None
+    assert one.talk.beacon().start is None
 
 
 def test_beacons_of_another_build_are_counted_and_change_nothing(tmp_path: Path) -> None:
     one = agent(tmp_path, 1, {})
-    payload = beacons.encode(one._beacon())
+    payload = beacons.encode(one.talk.beacon())
     for version in (1, beacons.VERSION):
         told = bytes([version]) + payload[1:]
         one.receive(Sender(2).broadcast(beacons.BEACON_TYPE, told), 0.0)
