@@ -417,20 +417,20 @@ class Agent:
     # -- sending -------------------------------------------------------------------------------
 
     def _frames(self, velocity: Vec3 | None) -> list[bytes]:
-        now, sender, frames = self.now, self.sender, []
-        if self.telemetry.autopilot is not None and self.phase not in SILENT:
-            starts = self.phase is Phase.CONNECTING
-            for wanted in self.telemetry.streams.due(now, starts=starts):
+        now, sender, telemetry, frames = self.now, self.sender, self.telemetry, []
+        is_silent, is_new = self.phase in SILENT, self.phase is Phase.CONNECTING
+        if telemetry.autopilot is not None and not is_silent:
+            for wanted in telemetry.streams.due(now, starts=is_new):
                 self.commands.request(wanted)
-        if self.phase in STREAMING and (stamp := self.telemetry.timesync.request(now)) is not None:
+        if self.phase in STREAMING and (stamp := telemetry.timesync.request(now)) is not None:
             frames.append(sender.timesync(stamp))
         due, timed_out = self.commands.poll(now)
         self._answered(timed_out)
-        if due is not None and self.phase not in SILENT:
+        if due is not None and not is_silent:
             frames.append(sender.command(*due))
         if velocity is not None and self.is_steering:
             frames.append(sender.setpoint(self._last_word(velocity), now))
-        if self.phase is Phase.CONNECTING and self.frame.is_time_to_ask(self.telemetry, now):
+        if is_new and self.frame.is_time_to_ask(self.telemetry, now):
             self.commands.request(command(commands.REQUEST_MESSAGE, _ORIGIN_ID))
             origin = self.frame.origin_to_tell
             frames += [] if origin is None else [sender.origin(origin)]

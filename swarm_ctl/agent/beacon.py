@@ -27,6 +27,7 @@ FAR_CM = round(FAR_M * 100.0)
 _NO_START, _SURVEYED, _GEODETIC = range(3)
 _ID = struct.Struct("<I")  # ids are 32 bits wide, as MAVLink's own are about to be
 _PHASES = tuple(Phase)
+_NUMBERS = {phase: number for number, phase in enumerate(_PHASES)}
 MOST_HEARD = (128 - _HEAD.size) // _ID.size
 """sysids that fit into a beacon."""
 
@@ -66,14 +67,14 @@ def encode(beacon: Beacon) -> bytes:
     head = _HEAD.pack(
         VERSION,
         beacon.mission,
-        _PHASES.index(beacon.phase),
+        _NUMBERS[beacon.phase],
         *velocity,
         *position,
         *target,
         *_packed_start(beacon.start),
         len(heard),
     )
-    return head + b"".join(map(_ID.pack, heard))
+    return head + struct.pack(f"<{len(heard)}I", *heard)
 
 
 @lru_cache(maxsize=256)  # one beacon is heard by many, where many fly in one process

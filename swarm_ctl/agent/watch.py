@@ -185,24 +185,22 @@ def _watch_peers(agent: Agent) -> None:
 
 
 def _health(agent: Agent) -> Health:
-    telemetry, now = agent.telemetry, agent.now
+    telemetry, flight, vigil, now = agent.telemetry, agent.orders.flight, agent.vigil, agent.now
     planned_s = agent.plan_s if agent.has_plan_failed else max(agent.plan_s, agent.entered_s)
-    plans = agent.phase in EXPLORES or agent.has_plan_failed
-    troubled_s = agent.vigil.troubled_s
-    battery = telemetry.battery_fraction
-    if battery is not None and agent.phase in STEERING and agent.vigil.endurance.is_due(now):
-        speed_m_s = agent.orders.flight.speed_m_s
-        agent.vigil.endurance.sample(battery, agent.trail.length_m(), speed_m_s, now)
+    plans = agent.has_plan_failed or agent.phase in EXPLORES
+    troubled_s, battery = vigil.troubled_s, telemetry.battery_fraction
+    if battery is not None and agent.phase in STEERING and vigil.endurance.is_due(now):
+        vigil.endurance.sample(battery, agent.trail.length_m(), flight.speed_m_s, now)
     return Health(
         silent_s=now - telemetry.heard_s,
         untold_s=now - telemetry.mode_s,
         position_age_s=now - min(telemetry.position_s, telemetry.attitude_s),
-        range_age_s=0.0 if agent.orders.flight.open_air else now - min(telemetry.ranges_s[:4]),
+        range_age_s=0.0 if flight.open_air else now - min(telemetry.ranges_s[:4]),
         plan_age_s=now - planned_s if plans else 0.0,
         holding_s=0.0 if troubled_s is None else now - troubled_s,
         mission_s=now - agent.began_s,
         battery_fraction=1.0 if battery is None else battery,
-        way_home_fraction=agent.vigil.endurance.needed,
+        way_home_fraction=vigil.endurance.needed,
         outside_s=_outside_s(agent),
         round_trip_s=telemetry.timesync.round_trip_s(now),
         estimate=_estimate_trouble(agent),
