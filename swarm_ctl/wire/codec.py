@@ -1,0 +1,233 @@
+"""Functions that pack and read one message each, generated from its table."""
+
+from __future__ import annotations
+
+import struct
+from collections import namedtuple
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
+from struct import Struct
+from typing import Any, NamedTuple, cast
+
+from fastcrc.crc16 import mcrf4xx
+
+from swarm_ctl.wire.tables import (
+    CRC_EXTRAS,
+    HEADER_FIELDS,
+    IDS,
+    PACK_ERRORS,
+    TABLES,
+    Field,
+    octets,
+    padded,
+)
+from swarm_ctl.wire.tally import Tally
+
+V1, V2 = 0xFE, 0xFD
+"""Magics of MAVLink 1 and 2."""
+_CRC_SEEDS = {V1: 0x3086, V2: 0x3085}  # after the magic, which it leaves out, it is 0xFFFF again
+_HEADS = {V1: "<BBBBBB", V2: "<BBxxBBB3s"}  # magic, length, seq, sysid, compid, id
+_TRAILER = Struct("<H").pack  # the CRC
+Read = Callable[[bytes, bytes, Tally], Any]
+"""Takes a frame up to its CRC, the whole of it, and a tally; see `Message.read`."""
+
+
+class Frame(NamedTuple):
+    """A received frame whose CRC is right."""
+
+    sysid: int
+    compid: int
+    seq: int
+    id: int
+    values: Any
+    """The NamedTuple of the message, `message(id).values`."""
+    raw: bytes
+
+
+_PACK_SOURCE = """
+def pack(seq, sysid, compid, {parameters}):
+    try:
+        {preparations}
+        frame = layout({magic}, {size}, seq, sysid, compid, {number}, {arguments})
+    except errors as error:
+        raise blame((seq, sysid, compid, {values})) from error
+    if {trims} and not frame[-1]:
+        end = len(frame.rstrip(b"\\0"))
+        frame = starts[end] + frame[2 : end if end > 10 else 11]
+    return frame + trailer(crc(frame + extra, {seed}))
+"""
+_STARTS = [bytes([V2, max(end - 10, 1)]) for end in range(10 + 256)]  # trimmed to this end
+
+_READ_SOURCE = """
+def read(body, raw, tally):
+    {unpacking}
+    if magic != 0xFD or flags > 1 or crc(body[1:-2] + extra) != expected:
+        return None
+    source = sysid | compid << 8
+    if tally.next_seq.get(source) == seq:
+        tally.next_seq[source] = seq + 1 & 0xFF
+    else:
+        tally.follow(source, seq)
+    return {result}
+"""
+_WHOLE_FRAME = """
+    whole = body if len(body) == {size} else body[:-2].ljust({size} - 2, b"\\0") + body[-2:]
+    magic, flags, seq, sysid, compid, {slots} expected = unpack(whole)
+"""
+_RIMS = """
+    magic, flags, seq, sysid, compid = unpack(body)
+    expected = body[-2] | body[-1] << 8
+"""
+
+
+class Message:
+    """One message of the dialect; its functions are generated when they are first asked for."""
+
+    def __init__(self, table: Any) -> None:
+        self.id: int = table.id
+        self.name: str = table.msgname
+        self.fields: tuple[str, ...] = tuple(table.fieldnames)
+        self._wire_order = [
+            Field(*field)
+            for field in zip(
+                table.ordered_fieldnames,
+                table.native_format.decode().lstrip("<"),
+                table.array_lengths,
+                strict=True,
+            )
+        ]
+        # pymavlink gives defaults to extensions, and to the one constant of the dialect.
+        has_default = len(table.__init__.__defaults__ or ()) - ("mavlink_version" in self.fields)
+        self._base_count = len(self.fields) - has_default
+        self._format = "".join(field.format for field in self._wire_order)
+        self._size = struct.calcsize("<" + self._format)
+        self._wire_indices = [table.ordered_fieldnames.index(name) for name in self.fields]
+        self._declared = [self._wire_order[index] for index in self._wire_indices]
+
+    def __repr__(self) -> str:
+        return f"message({self.name!r})"
+
+    @cached_property
+    def values(self) -> type[Any]:
+        """The NamedTuple of this message, fields in declaration order."""
+        return cast("type[Any]", namedtuple(self.name, self.fields))  # noqa: PYI024 - made at run time
+
+    @cached_property
+    def pack(self) -> Callable[..., bytes]:
+        """Make a MAVLink 2 frame of seq, sysid, compid and the fields in declaration order.
+
+        Numbers are as on the wire; extensions at the end may be left out. Text that is too long
+        is cut. ValueError names the field of any other value that does not fit.
+        """
+        return self._packer(V2, self.id.to_bytes(3, "little"), self._wire_order)
+
+    @cached_property
+    def pack_v1(self) -> Callable[..., bytes]:
+        """Make a MAVLink 1 frame, as `pack` does; extensions stay out of it."""
+        if self.id > 0xFF:
+            raise ValueError(f"{self.name} has id {self.id}, and MAVLink 1 ends at 255")
+        return self._packer(V1, self.id, self._wire_order[: self._base_count])
+
+    @cached_property
+    def read(self) -> Read:
+        """Make a `Frame` of a MAVLink 2 frame up to its CRC, and note its seq in a tally.
+
+        The whole frame, its signature as well if it has one, is passed on as `raw`. A wrong CRC,
+        or flags we do not know, give None; a payload longer than ours raises struct's error.
+        """
+        slots = "".join(f"{s}, " for i, f in enumerate(self._wire_order) for s in f.slots(i))
+        fields = ", ".join(self._wire_order[i].unpacking(i) for i in self._wire_indices)
+        source = _READ_SOURCE.format(
+            unpacking=_WHOLE_FRAME.format(size=self._size + 12, slots=slots),
+            result=f"new(Frame, (sysid, compid, seq, {self.id}, new(values, ({fields},)), raw))",
+        )
+        layout = Struct(f"<BxBxBBB3x{self._format}H")
+        return self._generate("read", source, {"unpack": layout.unpack})
+
+    @cached_property
+    def skim(self) -> Read:
+        """Check a frame and note its seq as `read` does, but give True for it."""
+        source = _READ_SOURCE.format(unpacking=_RIMS, result="True")
+        return self._generate("read", source, {"unpack": Struct("<BxBxBBB").unpack_from})
+
+    def plain(self, payload: bytes, seq: int = 0, source: int = 0) -> bytes:
+        """Make the frame that `read` reads: MAVLink 2, unsigned, of full length."""
+        head = struct.pack("<BxxBH", self._size, seq, source) + self.id.to_bytes(3, "little")
+        body = head + payload[: self._size].ljust(self._size, b"\0")
+        return b"\xfd" + body + checksum(body)
+
+    def unpack(self, payload: bytes) -> Any:
+        """Read `values` from a payload: what is missing is zero, what is too much is ignored."""
+        return self.read(self.plain(payload), b"", Tally()).values
+
+    def _packer(self, magic: int, number: int | bytes, fields: list[Field]) -> Callable[..., bytes]:
+        """Generate a pack function; the variable of the field declared i-th is v<i>."""
+        names = {field.name: f"v{i}" for i, field in enumerate(self._declared)}
+        parameters = [
+            names[field.name] + (f"={field.default}" if i >= self._base_count else "")
+            for i, field in enumerate(self._declared)
+        ]
+        prepared = (field.preparing(names[field.name], i) for i, field in enumerate(fields))
+        arguments = ", ".join(
+            ", ".join(field.slots(i)) if field.is_array else names[field.name]
+            for i, field in enumerate(fields)
+        )
+        layout = Struct(_HEADS[magic] + "".join(field.format for field in fields))
+        source = _PACK_SOURCE.format(
+            parameters=", ".join(parameters),
+            preparations="\n        ".join(filter(None, prepared)),
+            arguments=arguments,
+            values=", ".join(names.values()),
+            number=repr(number),
+            magic=magic,
+            seed=_CRC_SEEDS[magic],
+            size=layout.size - struct.calcsize(_HEADS[magic]),
+            trims=magic == V2,
+        )
+        return self._generate("pack", source, {"layout": layout.pack})
+
+    def _generate(self, name: str, source: str, names: dict[str, Any]) -> Callable[..., Any]:
+        """Run generated source and give the function it defines."""
+        scope = {
+            "values": self.values,
+            "errors": PACK_ERRORS,
+            "blame": self._blame,
+            "octets": octets,
+            "padded": padded,
+            "crc": mcrf4xx,
+            "extra": CRC_EXTRAS[self.id],
+            "trailer": _TRAILER,
+            "starts": _STARTS,
+            "new": tuple.__new__,
+            "Frame": Frame,
+        } | names
+        exec(source, scope)  # noqa: S102 - the source is made of pymavlink's tables alone
+        return cast("Callable[..., Any]", scope[name])
+
+    def _blame(self, values: Sequence[Any]) -> ValueError:
+        """Find the field that does not fit."""
+        for field, value in zip([*HEADER_FIELDS, *self._declared], values, strict=True):
+            try:
+                field.check(value)
+            except PACK_ERRORS as error:
+                return ValueError(f"{self.name}.{field.name} cannot be {value!r}: {error}")
+        return ValueError(f"{self.name} cannot be packed from {values!r}")
+
+
+@cache
+def _message(number: int) -> Message:
+    return Message(TABLES[number])
+
+
+def message(key: str | int) -> Message:
+    """Look a message up by its name or id."""
+    number = IDS.get(key) if isinstance(key, str) else key
+    if number is None or number not in CRC_EXTRAS:
+        raise ValueError(f"the dialect ardupilotmega has no message {key!r}")
+    return _message(number)
+
+
+def checksum(body: bytes) -> bytes:
+    """Give the CRC of a MAVLink 2 frame of our dialect: of all that stands after its magic."""
+    number = body[6] | body[7] << 8 | body[8] << 16
+    return _TRAILER(mcrf4xx(body + CRC_EXTRAS[number]))
