@@ -197,9 +197,12 @@ class Coverage:
             place, cell = place[inside], cell[inside]
         base = (cell + self._reach) @ self._strides
         target = self._flat_offsets[:, None] + base
-        within = self._within(cell + 0.5 - place) & wanted[target]
+        within = wanted[target]
+        within &= self._within(cell + 0.5 - place)
         if self._line_of_sight:
-            within &= self._visible(base)
+            (looking,) = within.any(axis=0).nonzero()
+            if len(looking):
+                within[:, looking] &= self._visible(base[looking])
         return np.asarray(target[within])
 
     def _within(self, rest: FLOATS) -> BOOLS:

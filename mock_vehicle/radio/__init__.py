@@ -147,8 +147,9 @@ class Radio:
         rows, hearers = (fates == HEARD).nonzero()
         if self._is_lossy:
             received = self._receives(hearers, senders[rows])
-            fates[rows[~received], hearers[~received]] = Fate.LOSS
-            rows, hearers = rows[received], hearers[received]
+            if np.count_nonzero(received) < len(received):
+                fates[rows[~received], hearers[~received]] = Fate.LOSS
+                rows, hearers = rows[received], hearers[received]
         self.figures.meet(senders, fates)
         return Received(due, rows, hearers)
 
@@ -169,7 +170,9 @@ class Radio:
 
     def _receives(self, hearer: INDICES, talker: INDICES) -> BOOLS:
         """Lose a fraction of the transmissions."""
-        extra = np.maximum(self.extra_loss[hearer], self.extra_loss[talker])
-        lost = np.maximum(self._spec.loss_fraction, extra)
+        lost: float | FLOATS = self._spec.loss_fraction
+        if np.count_nonzero(self.extra_loss):
+            extra = np.maximum(self.extra_loss[hearer], self.extra_loss[talker])
+            lost = np.maximum(lost, extra)
         received: BOOLS = self._rng.random(len(hearer)) >= lost
         return received

@@ -115,7 +115,14 @@ class World:
         Origins and unit directions are (r, 3) NED. Floor and ceiling are surfaces too; a ray that
         begins inside something solid reads 0.
         """
-        distance = self._room.cast(origins_m, directions)
+        loops, room = self._loops, self._room
+        lines = None if loops is None else self._shapes.lines(origins_m, directions)
+        if loops is not None and lines is not None:
+            distance = np.empty(len(origins_m))
+            rays = (max_range_m, origins_m, directions, room.low_m, room.high_m)
+            loops.cast(*rays, *lines, distance)
+            return distance
+        distance = room.cast(origins_m, directions)
         np.minimum(distance, self._shapes.cast(origins_m, directions), out=distance)
         if self._map is not None:
             chart = self._map.cast(origins_m, directions, max_range_m)

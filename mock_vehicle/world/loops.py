@@ -163,6 +163,73 @@ def see_bodies(
 
 
 @compiled
+def _slab(offset: float, slope: float, half: float) -> tuple[float, float]:
+    """Bound a ray to between two parallel faces, `offset` from their middle."""
+    inverse = 1.0 / (1e-12 if abs(slope) < 1e-12 else slope)
+    middle, reach = offset * inverse, abs(inverse) * half
+    return -middle - reach, reach - middle
+
+
+@compiled
+def _leave_room(origin: Any, direction: Any, low: Any, high: Any) -> float:
+    """Measure along a ray to the first plane around everything."""
+    nearest = math.inf
+    for axis in range(3):
+        slope = direction[axis]
+        if not abs(slope) < 1e-12:
+            bound = low[axis] if slope < 0.0 else high[axis]
+            nearest = min(nearest, (bound - origin[axis]) / slope)
+    return max(nearest, 0.0)
+
+
+@compiled
+def cast(
+    range_max_m: float,
+    origins: Any,
+    directions: Any,
+    low: Any,
+    high: Any,
+    box_at: Any,
+    box_slopes: Any,
+    box_sizes: Any,
+    box_middles: Any,
+    disc_at: Any,
+    disc_slopes: Any,
+    disc_sizes: Any,
+    disc_middles: Any,
+    distances: Any,
+) -> None:
+    """Measure (r,) distances along rays to the first surface.
+
+    `at` and `slopes` are (2, r, m): where rays begin along the axes of every solid, how they run.
+    """
+    for ray in range(len(origins)):
+        down, slope = origins[ray, 2], directions[ray, 2]
+        nearest = _leave_room(origins[ray], directions[ray], low, high)
+        for k in range(box_sizes.shape[1]):
+            near, far = _slab(box_at[0, ray, k], box_slopes[0, ray, k], box_sizes[0, k])
+            enter, leave = _slab(box_at[1, ray, k], box_slopes[1, ray, k], box_sizes[1, k])
+            near, far = max(near, enter), min(far, leave)
+            enter, leave = _slab(down - box_middles[k], slope, box_sizes[2, k])
+            near, far = max(near, enter, 0.0), min(far, leave)
+            if near < far:
+                nearest = min(nearest, near)
+        for k in range(disc_sizes.shape[1]):
+            x, y = disc_at[0, ray, k], disc_at[1, ray, k]
+            dx, dy = disc_slopes[0, ray, k], disc_slopes[1, ray, k]
+            a, b = max(dx * dx + dy * dy, 1e-18), x * dx + y * dy
+            square = b * b - a * (x * x + y * y - disc_sizes[0, k] * disc_sizes[0, k])
+            if square < 0.0:
+                continue
+            root = math.sqrt(square)
+            enter, leave = _slab(down - disc_middles[k], slope, disc_sizes[2, k])
+            near, far = max((-b - root) / a, enter, 0.0), min((-b + root) / a, leave)
+            if near < far:
+                nearest = min(nearest, near)
+        distances[ray] = math.inf if nearest > range_max_m else nearest
+
+
+@compiled
 def gaze(
     origins: Any, seers: Any, seen: Any, cosines: Any, sines: Any, ranges: Any, body: Any
 ) -> None:

@@ -127,6 +127,15 @@ class Shapes:
             cylinders.center_ne,
         )
 
+    def lines(self, origins_m: Floats, directions: Floats) -> tuple[Floats, ...] | None:
+        """Lay (r, 3) rays along all shapes as `loops.cast` takes them; None where that is much."""
+        if len(origins_m) * max(self._boxes.count, self._cylinders.count) > _CHUNK:
+            return None
+        return (
+            *self._boxes.lines(origins_m, directions),
+            *self._cylinders.lines(origins_m, directions),
+        )
+
     def scan(self, ring: Ring, max_range_m: float) -> None:
         """Stop level rays at the shapes within the range."""
         if self._boxes.count:
@@ -184,6 +193,12 @@ class _Columns:
         along: Floats = points_m[:, :2] @ self.axes[axis]
         along -= self.center[axis]
         return along
+
+    def lines(self, origins_m: Floats, directions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Give where (r, 3) rays begin along the axes, and their slopes, (2, r, m), and sizes."""
+        at = np.stack((self.local(origins_m, 0), self.local(origins_m, 1)))
+        slopes = np.stack((directions[:, :2] @ self.axes[0], directions[:, :2] @ self.axes[1]))
+        return at, slopes, self.size, self.middle_down
 
     def offsets(self, points_m: Floats) -> Floats:
         """Turn (n, 3) points into (n, 3, m) coordinates from every shape's middle, x, y, down."""

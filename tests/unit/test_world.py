@@ -376,10 +376,10 @@ def test_compiled_loops_look_around_as_the_others_bit_for_bit(
     compare_compiled_with_plain(path, np.random.default_rng(seed), n)
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_compiled_loops_look_around_in_a_shipped_world_bit_for_bit(path: Path) -> None:
+@pytest.mark.parametrize("name", ["office", "rubble"])
+def test_compiled_loops_look_around_in_a_shipped_world_bit_for_bit(name: str) -> None:
     for n in (1, 2, 5, 100):
-        compare_compiled_with_plain(path, np.random.default_rng(n), n)
+        compare_compiled_with_plain(WORLDS / f"{name}.yaml", np.random.default_rng(n), n)
 
 
 def compare_compiled_with_plain(path: Path, rng: np.random.Generator, n: int) -> None:
@@ -397,6 +397,10 @@ def compare_compiled_with_plain(path: Path, rng: np.random.Generator, n: int) ->
     np.testing.assert_array_equal(fast.look(other, 8.0, (seer, seen), 0.3), upright)
     np.testing.assert_array_equal(other.ranges_m, one.ranges_m)
     np.testing.assert_array_equal(fast.clearance(origins), plain.clearance(origins))
+    ways = rng.normal(size=(n, 3))
+    ways[::2] = np.round(ways[::2])
+    ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-9)[:, None]
+    np.testing.assert_array_equal(fast.cast(origins, ways, 9.0), plain.cast(origins, ways, 9.0))
 
 
 def test_a_scan_in_a_row_with_walls_is_no_matter_of_division(build: Build) -> None:
