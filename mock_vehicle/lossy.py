@@ -45,6 +45,8 @@ def _delay(trouble: Trouble, due: float, dice: np.random.Generator) -> tuple[flo
 
 def _gather(trouble: Trouble, due: float, dice: np.random.Generator) -> tuple[float, ...]:  # noqa: ARG001
     period_s = trouble.fault["period_s"]
+    if due == math.inf:  # held on a frozen link
+        return (due,)
     return (math.ceil(due / period_s - SOON_S) * period_s,)
 
 

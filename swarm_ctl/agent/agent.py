@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from swarm_ctl import wire
+from swarm_ctl.agent.blind import LATE_S, NO_WALLS, sight
 from swarm_ctl.agent.duties import DUTIES, IS_HOME
 from swarm_ctl.agent.frame import FrameParams, SharedFrame
 from swarm_ctl.agent.geofence import Guard, Motion
@@ -442,15 +443,15 @@ class Agent:
         place, velocity_now = telemetry.position_ned_m, telemetry.velocity_ned_m_s
         late_s = max(0.0, telemetry.timesync.round_trip_s(self.now) - ROUND_TRIP_S)
         motion = Motion(place, velocity_now, telemetry.yaw_rad, late_s)
-        ranges, fresh_s = telemetry.ranges_m, self.now - self.orders.limits.range_stale_s
-        if min(telemetry.ranges_s) < fresh_s:
-            told = zip(ranges, telemetry.ranges_s, strict=True)
-            ranges = [value if heard_s >= fresh_s else math.inf for value, heard_s in told]
+        ranges, walls = telemetry.ranges_m, NO_WALLS
+        if min(telemetry.ranges_s) < self.now - LATE_S:
+            stale_s = self.orders.limits.range_stale_s
+            ranges, walls = sight(telemetry, self.now, stale_s)
         knows_place = self.now - telemetry.position_s <= self.orders.limits.link_hold_s
         within_m = self.orders.limits.separation_m + MOST_DOUBT_M
         zones = self.peers.zones(place, within_m, self.now)
         safe = self._guard.confine(
-            velocity, motion, ranges, self.neighbours + zones, knows_place=knows_place
+            velocity, motion, ranges, self.neighbours + zones, walls, knows_place=knows_place
         )
         return Setpoint(safe, self.yaw_rad)
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from swarm_ctl.agent.blind import NO_WALLS, Remembered
 from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.agent.peer import Neighbour
 from swarm_ctl.explore.safety import Constraint, limit_velocity, peer_limit, wall_limit
@@ -17,11 +18,10 @@ FENCE_M = 0.3
 """Kept to the fence: what a vehicle overshoots, also one whose controller is killed there."""
 GIVE_WAY_M = 0.6
 """A peer this much beyond the separation, straight ahead, is passed on the right."""
-PRESSED_M_S = -0.24
-"""A wall that is to be left faster is about to be touched: 0.12 m nearer than `limits.wall_m`."""
-NEARLY_M_S = -0.15
-"""A peer that is to be left faster is too near to be pushed towards by a wall: at 0.07 m less than
-`limits.separation_m` there is more left to a contact (0.6 m) than a pressing wall leaves."""
+PRESSED = 0.76
+"""A wall nearer than this part of `limits.wall_m` is about to be touched."""
+NEARLY = 0.9
+"""A peer nearer than this part of `limits.separation_m` is too near to be pushed towards."""
 SOON_S = 1.0
 """In so long a vehicle that flies level has left the way of one that climbs or descends."""
 GIVE_WAY, IN_THE_WAY = 0.6, 0.7
@@ -54,6 +54,9 @@ class Guard:
         braking = min(self._braking, VERTICAL_BRAKING_M_S2)
         self._far_m = limits.wall_m + max(top * top / (2.0 * braking), 0.5 * top)
         """A wall farther off allows as much, to who does not move."""
+        self._pressing_m_s = 2.0 * (PRESSED - 1.0) * limits.wall_m
+        self._nearly_m_s = 2.0 * (NEARLY - 1.0) * limits.separation_m
+        """What walls and peers allow who are as near as that, m/s."""
 
     def confine(
         self,
@@ -61,12 +64,14 @@ class Guard:
         motion: Motion,
         ranges_m: Sequence[float],
         peers: Sequence[Neighbour],
+        walls: Sequence[Remembered] = NO_WALLS,
         *,
         knows_place: bool = True,
     ) -> Vec3:
         """Give the nearest velocity that respects every limit.
 
-        `ranges_m` are in the order front, back, left, right, up, down (inf = clear). Distances
+        `ranges_m` are in the order front, back, left, right, up, down (inf = clear); `walls` are
+        remembered where those are silent. Distances
         are taken as they will be when the vehicle has begun to obey: it flies on for
         `flight.response_s` first, and longer behind a slow link. A vehicle that does not know its
         place is not pushed off floor, ceiling or fence: it would be for ever.
@@ -74,11 +79,11 @@ class Guard:
         peers = self._levelled(peers) if self._is_level else peers
         if peers:
             velocity = self._keep_right(velocity, peers)
-        walls = self._walls(motion, ranges_m)
+        seen = self._walls(motion, ranges_m)
         constraints = self._fence(motion) if knows_place else []
         if peers:
-            constraints += self._peers(motion, peers, _push(walls))
-        constraints += walls  # last, and so they win a contradiction: they leave the least room
+            constraints += self._peers(motion, peers, self._push(seen))
+        constraints += self._remembered(motion, walls) + seen  # last, and so they win a contradiction: they leave the least room
         return limit_velocity(velocity, constraints, self._speed, self._climb)
 
     def _fence(self, motion: Motion) -> list[Constraint]:
@@ -118,6 +123,17 @@ class Guard:
                 kept.append(Constraint(x, y, z, one))
             if other < self._top:
                 kept.append(Constraint(-x, -y, -z, other))
+        return kept
+
+    def _remembered(self, motion: Motion, walls: Sequence[Remembered]) -> list[Constraint]:
+        """Bound the speed towards walls that nobody sees any more; they do not push."""
+        (vx, vy, vz), response_s = motion.velocity_ned_m_s, self._response_s + motion.late_s
+        kept = []
+        for (x, y, z), distance_m in walls:
+            flown_m = response_s * max(0.0, vx * x + vy * y + vz * z)
+            braking = VERTICAL_BRAKING_M_S2 if z else self._braking
+            room = wall_limit(distance_m - flown_m, self._limits.wall_m, braking)
+            kept.append(Constraint(x, y, z, max(0.0, room)))
         return kept
 
     def _keep_right(self, velocity: Vec3, peers: Sequence[Neighbour]) -> Vec3:
@@ -165,11 +181,22 @@ class Guard:
             own = vx * x + vy * y + vz * z
             coming = -(px * x + py * y + pz * z)
             room = self._towards_peer(distance - doubt_m, own, coming, response_s)
-            if room > NEARLY_M_S:
+            if room > self._nearly_m_s:
                 room = max(room, 0.5 * (push_m_s.x * x + push_m_s.y * y + push_m_s.z * z))
             if room < self._top:
                 constraints.append(Constraint(x, y, z, room))
         return constraints
+
+    def _push(self, walls: Sequence[Constraint]) -> Vec3:
+        """Give the velocity with which walls that are about to be touched push off."""
+        near = [wall for wall in walls if wall.limit < self._pressing_m_s]
+        if not near:
+            return ZERO
+        return Vec3(
+            sum(wall.nx * wall.limit for wall in near),
+            sum(wall.ny * wall.limit for wall in near),
+            sum(wall.nz * wall.limit for wall in near),
+        )
 
     def _towards_peer(
         self, distance_m: float, own_m_s: float, coming_m_s: float, response_s: float
@@ -183,18 +210,6 @@ class Guard:
         left_m = distance_m - response_s * max(0.0, own_m_s + coming_m_s)
         soon_m = distance_m - response_s * max(0.0, coming_m_s)
         return min(peer_limit(left_m, *kept), max(0.0, peer_limit(soon_m, *kept, response_s)))
-
-
-def _push(walls: Sequence[Constraint]) -> Vec3:
-    """Give the velocity with which walls that are about to be touched push off."""
-    near = [wall for wall in walls if wall.limit < PRESSED_M_S]
-    if not near:
-        return ZERO
-    return Vec3(
-        sum(wall.nx * wall.limit for wall in near),
-        sum(wall.ny * wall.limit for wall in near),
-        sum(wall.nz * wall.limit for wall in near),
-    )
 
 
 def _between(one_m_s: float, other_m_s: float) -> tuple[float, float]:

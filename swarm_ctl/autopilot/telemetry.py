@@ -132,6 +132,8 @@ class Telemetry(Status):
         self.timesync = Timesync()
         self.ranges_m = [math.inf] * 6
         self.ranges_s = [-math.inf] * 6
+        self.ranges_from = [(ZERO, 0.0)] * 6
+        """Where the vehicle was when each was told, and its heading, rad."""
         self.scan: Scan | None = None
         self.scan_s = -math.inf
         self.jump_m = 0.0
@@ -180,6 +182,7 @@ class Telemetry(Status):
         start, place = self.start_ned_m, self.position_ned_m
         self.start_ned_m = Vec3(start.x + place.x, start.y + place.y, start.z + place.z)
         self.position_ned_m = ZERO
+        self.ranges_from = [(ZERO, yaw_rad) for _, yaw_rad in self.ranges_from]
 
     def receive(self, frame: wire.Frame, now: float) -> None:
         """Take one frame of the vehicle's own autopilot, radio, or a sensor that speaks itself."""
@@ -248,6 +251,7 @@ class Telemetry(Status):
         self._ranges_boot_ms[index] = boot_ms
         self.ranges_m[index] = math.inf if distance_cm >= farthest_cm else distance_cm * 0.01
         self.ranges_s[index] = now
+        self.ranges_from[index] = self.position_ned_m, self.attitude_rad[2]
 
     def _scan(self, values: Any, now: float) -> None:
         increment = math.radians(values.increment_f or values.increment)
