@@ -441,7 +441,7 @@ class Agent:
         """Let the guard bend what the duty wants; nothing else makes a setpoint."""
         telemetry = self.telemetry
         place, velocity_now = telemetry.position_ned_m, telemetry.velocity_ned_m_s
-        late_s = max(0.0, telemetry.timesync.round_trip_s(self.now) - ROUND_TRIP_S)
+        late_s = max(0.0, telemetry.timesync.slowest_s(self.now) - ROUND_TRIP_S)
         motion = Motion(place, velocity_now, telemetry.yaw_rad, late_s)
         ranges, walls = telemetry.ranges_m, NO_WALLS
         if min(telemetry.ranges_s) < self.now - LATE_S:

@@ -1,4 +1,4 @@
-"""What a vehicle knows of walls where a rangefinder has fallen silent: they stand where they were."""
+"""What is known of walls that a silent rangefinder saw last: they stand where they stood."""
 
 from __future__ import annotations
 

@@ -20,6 +20,9 @@ GIVE_WAY_M = 0.6
 """A peer this much beyond the separation, straight ahead, is passed on the right."""
 PRESSED = 0.76
 """A wall nearer than this part of `limits.wall_m` is about to be touched."""
+ALONG = 0.3
+"""Of what is demanded beside a wall that is about to be touched: wide beams do not tell where
+exactly it is, and who flies along may fly into it."""
 NEARLY = 0.9
 """A peer nearer than this part of `limits.separation_m` is too near to be pushed towards."""
 SOON_S = 1.0
@@ -80,10 +83,14 @@ class Guard:
         if peers:
             velocity = self._keep_right(velocity, peers)
         seen = self._walls(motion, ranges_m)
+        if min((wall.limit for wall in seen), default=0.0) < self._pressing_m_s:
+            velocity = Vec3(velocity.x * ALONG, velocity.y * ALONG, velocity.z * ALONG)
         constraints = self._fence(motion) if knows_place else []
         if peers:
             constraints += self._peers(motion, peers, self._push(seen))
-        constraints += self._remembered(motion, walls) + seen  # last, and so they win a contradiction: they leave the least room
+        constraints += (
+            self._remembered(motion, walls) + seen
+        )  # last, and so they win a contradiction: they leave the least room
         return limit_velocity(velocity, constraints, self._speed, self._climb)
 
     def _fence(self, motion: Motion) -> list[Constraint]:

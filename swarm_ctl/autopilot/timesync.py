@@ -15,13 +15,15 @@ VALID_S = 3.0
 
 
 class Timesync:
-    """Requests on their way, and how long the last one took to be answered."""
+    """Requests on their way, and how long the last ones took to be answered."""
 
     def __init__(self) -> None:
         self._waiting: deque[int] = deque(maxlen=MOST_WAITING)
         self._next_s = -math.inf
         self._round_trip_s = 0.0
         self._answered_s = -math.inf
+        self._slowest: deque[tuple[float, float]] = deque()
+        """Answers of the last `VALID_S`, each slower than all after it: when, how long, s."""
 
     def request(self, now: float) -> int | None:
         """Give the stamp to ask with now, in nanoseconds; None while it is too early."""
@@ -35,8 +37,18 @@ class Timesync:
         """Take a stamp that came back; one that is not ours is somebody else's."""
         if stamp in self._waiting:
             self._waiting.remove(stamp)
-            self._round_trip_s, self._answered_s = now - stamp / 1e9, now
+            taken_s = now - stamp / 1e9
+            self._round_trip_s, self._answered_s = taken_s, now
+            while self._slowest and self._slowest[-1][1] <= taken_s:
+                self._slowest.pop()
+            self._slowest.append((now, taken_s))
 
     def round_trip_s(self, now: float) -> float:
         """Give the last measurement; 0 when none is fresh, as with autopilots that never answer."""
         return self._round_trip_s if now - self._answered_s <= VALID_S else 0.0
+
+    def slowest_s(self, now: float) -> float:
+        """Give the longest of the fresh ones: a link that is slow now and then is slow."""
+        while self._slowest and now - self._slowest[0][0] > VALID_S:
+            self._slowest.popleft()
+        return self._slowest[0][1] if self._slowest else 0.0

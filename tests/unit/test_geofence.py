@@ -95,6 +95,13 @@ def test_between_a_wall_and_a_peer_a_vehicle_comes_off_the_wall_unless_the_peer_
     assert GUARD.confine(ZERO, at_rest(), CLEAR, [nearer]).x > 0.2, "without a wall it gives way"
 
 
+def test_beside_a_wall_that_is_about_to_be_touched_a_vehicle_flies_on_slowly() -> None:
+    nearly, beside = [0.45, *CLEAR[1:]], [0.35, *CLEAR[1:]]
+    along = Vec3(0.0, 1.0, 0.0)
+    assert GUARD.confine(along, at_rest(), nearly, []).y == pytest.approx(1.0)
+    assert GUARD.confine(along, at_rest(), beside, []).y == pytest.approx(0.3)
+
+
 def test_two_that_meet_head_on_pass_each_other_on_the_right() -> None:
     north, south = Vec3(1, 0, 0), Vec3(-1, 0, 0)
     ahead, behind = Neighbour(Vec3(1.0, 0, 0), ZERO), Neighbour(Vec3(-1.0, 0, 0), ZERO)

@@ -28,6 +28,8 @@ GIVEN_UP_S = 60.0
 """A pilot has brought his vehicle down by then, or nobody will."""
 PILOT_S, PILOT_AGAIN_S = 8.0, 3.0
 """After so long the pilot of a vehicle that yielded brings it down; he says so again and again."""
+FALLS_S = 3.0
+"""Who is disarmed in the air, as by a reboot, counts as landed, and is down after so long."""
 MODES = {
     "px4": {"hold": (4.0, 3.0), "land": (4.0, 6.0)},
     "ardupilot": {"hold": (5.0, 0.0), "land": (9.0, 0.0)},
@@ -186,6 +188,10 @@ def _watch(look: Look, script: Script) -> Violation | None:
             script.play()
             look.advance()
             found = _judge(EVERY_TICK, look)
+        over_s = arena.now + FALLS_S
+        while found is None and arena.now < over_s and any(look.falling):
+            arena.step()
+            look.advance()
     except Exception as error:  # noqa: BLE001 - that nothing raises is a promise, too
         at = traceback.extract_tb(error.__traceback__)[-1]
         words = f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno})"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from mock_vehicle.dynamics import Control
 from mock_vehicle.faults import Fault, parse_fault
 from swarm_ctl import wire
 from swarm_ctl.agent.agent import Agent
@@ -149,6 +150,12 @@ class Look:
             and not (self._runs_away(i) or self._runs_away(j))
         ]
         self.closest_m = min([self.closest_m, *(gap_m for _, _, gap_m in self.gaps_m)])
+
+    @property
+    def falling(self) -> list[bool]:
+        """Tell who is airborne with its motors off."""
+        off = (self.fleet.dynamics.control == Control.OFF).tolist()
+        return [airborne and is_off for airborne, is_off in zip(self.airborne, off, strict=True)]
 
     def is_out_of_hand(self, index: int) -> bool:
         """Whether a fault comes between a vehicle and its controller, or did just now."""
