@@ -43,10 +43,11 @@ def sight(
         if now - heard_s <= LATE_S or ranges_m[index] == math.inf:
             continue
         wall = _remembered(telemetry, index)
-        is_fresh = now - heard_s <= stale_s
-        ranges_m[index] = wall.distance_m if wall is not None and is_fresh else math.inf
-        if wall is not None and not is_fresh:
-            walls.append(wall)
+        if now - heard_s > stale_s:
+            ranges_m[index] = math.inf
+            walls += [] if wall is None else [wall]
+        elif wall is not None:  # else the estimate jumped: nobody flew so far
+            ranges_m[index] = wall.distance_m
     return ranges_m, walls
 
 

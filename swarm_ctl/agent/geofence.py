@@ -25,6 +25,10 @@ ALONG = 0.3
 exactly it is, and who flies along may fly into it."""
 NEARLY = 0.9
 """A peer nearer than this part of `limits.separation_m` is too near to be pushed towards."""
+HALF = math.sqrt(0.5)
+PUSH_M_S = 0.5
+"""As fast as walls push off."""
+CRAWL_M_S = 0.3
 SOON_S = 1.0
 """In so long a vehicle that flies level has left the way of one that climbs or descends."""
 GIVE_WAY, IN_THE_WAY = 0.6, 0.7
@@ -123,13 +127,45 @@ class Guard:
             flown_m = response_s * (vx * x + vy * y + vz * z)
             braking = VERTICAL_BRAKING_M_S2 if z else self._braking
             one, other = _between(
-                wall_limit(one_m - max(0.0, flown_m), self._limits.wall_m, braking),
-                wall_limit(other_m - max(0.0, -flown_m), self._limits.wall_m, braking),
+                self._to_wall(one_m, max(0.0, flown_m), braking),
+                self._to_wall(other_m, max(0.0, -flown_m), braking),
             )
             if one < self._top:
                 kept.append(Constraint(x, y, z, one))
             if other < self._top:
                 kept.append(Constraint(-x, -y, -z, other))
+        return kept + self._pillars(motion, ranges_m, far_m)
+
+    def _to_wall(self, distance_m: float, flown_m: float, braking: float) -> float:
+        """Give the largest speed towards a wall, m/s, of who flies on for `flown_m`.
+
+        Who is blown on towards a wall that is too near already is told to leave it the faster.
+        """
+        room = wall_limit(distance_m - flown_m, self._limits.wall_m, braking)
+        return max(room - flown_m, -PUSH_M_S) if room < 0.0 else room
+
+    def _pillars(self, motion: Motion, ranges_m: Sequence[float], far_m: float) -> list[Constraint]:
+        """Bound the speed towards what two wide beams side by side both see: it lies between them.
+
+        Along either of them a pillar comes nearer more slowly than it does. Who flies no faster
+        than CRAWL_M_S is stopped in time by the beam that it is in at last: doors have pillars.
+        """
+        kept: list[Constraint] = []
+        (vx, vy, _), response_s = motion.velocity_ned_m_s, self._response_s + motion.late_s
+        north, east = HALF * math.cos(motion.yaw_rad), HALF * math.sin(motion.yaw_rad)
+        front_m, back_m, left_m, right_m = ranges_m[:4]
+        for ahead_m, aside_m, x, y in (
+            (front_m, left_m, north + east, east - north),
+            (front_m, right_m, north - east, east + north),
+            (back_m, left_m, east - north, -east - north),
+            (back_m, right_m, -north - east, north - east),
+        ):
+            farther_m = max(ahead_m, aside_m)
+            if farther_m <= far_m:
+                left = farther_m - response_s * max(0.0, vx * x + vy * y)
+                room = wall_limit(left, PRESSED * self._limits.wall_m, self._braking)
+                if room < self._top:
+                    kept.append(Constraint(x, y, 0.0, max(CRAWL_M_S, room)))
         return kept
 
     def _remembered(self, motion: Motion, walls: Sequence[Remembered]) -> list[Constraint]:

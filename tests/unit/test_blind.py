@@ -12,7 +12,7 @@ from swarm_ctl.agent.params import FlightParams, Limits
 from swarm_ctl.autopilot.telemetry import SUBSCRIBED, Telemetry
 from swarm_ctl.model import ZERO, Vec3
 
-FRONT, BACK, UP, DOWN = 0, 1, 4, 5
+FRONT, BACK, DOWN = 0, 1, 5
 STALE_S = 0.5
 
 
@@ -66,10 +66,10 @@ def test_a_wall_stays_where_it_stood_though_the_vehicle_turns(vehicle: Vehicle) 
     vehicle.stand(5.5, 5.2, 3.0, yaw_rad=2.0)
     ranges_m, walls = sight(vehicle.telemetry, 3.0, STALE_S)
     assert ranges_m == [math.inf] * 6
-    assert walls == [
-        Remembered(pytest.approx((1.0, 0.0, 0.0)), pytest.approx(1.5)),
-        Remembered(pytest.approx((0.0, 0.0, 1.0)), pytest.approx(3.0)),
-    ]
+    ahead, below = walls
+    assert tuple(ahead.direction) == pytest.approx((1.0, 0.0, 0.0))
+    assert tuple(below.direction) == pytest.approx((0.0, 0.0, 1.0))
+    assert (ahead.distance_m, below.distance_m) == pytest.approx((1.5, 3.0))
 
 
 def test_far_from_where_a_wall_was_seen_it_is_forgotten(vehicle: Vehicle) -> None:

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from swarm_ctl import wire
 from swarm_ctl.agent import beacon as beacons
 from swarm_ctl.agent.agent import Agent
+from swarm_ctl.agent.blind import FORGOTTEN_M, LATE_S
 from swarm_ctl.agent.phases import SILENT, STREAMING, Phase
 from swarm_ctl.autopilot.px4 import PX4
 from swarm_ctl.flight import orders_of
@@ -256,13 +257,21 @@ class Bench:
         for index, range_m in enumerate(telemetry.ranges_m):
             if range_m == math.inf or self.now - telemetry.ranges_s[index] > 0.5:
                 continue
-            if index < 4:
-                bearing = telemetry.yaw_rad + BEAM_BEARINGS_RAD[index]
-                beam = (math.cos(bearing), math.sin(bearing), 0.0)
-            else:
-                beam = (0.0, 0.0, -1.0 if index == 4 else 1.0)
-            found.append(("wall", beam, range_m - WALL_M, half if index < 4 else 0.5))
+            room_m = range_m - WALL_M
+            if self.now - telemetry.ranges_s[index] > LATE_S:
+                (n, e, d), yaw_rad = telemetry.ranges_from[index]
+                if math.dist((x, y, z), (n, e, d)) <= FORGOTTEN_M:
+                    room_m -= along((x - n, y - e, z - d), beam_of(index, yaw_rad))
+            beam = beam_of(index, telemetry.yaw_rad)
+            found.append(("wall", beam, room_m, half if index < 4 else 0.5))
         return found
+
+
+def beam_of(index: int, yaw_rad: float) -> Direction:
+    if index >= 4:
+        return (0.0, 0.0, -1.0 if index == 4 else 1.0)
+    bearing = yaw_rad + BEAM_BEARINGS_RAD[index]
+    return (math.cos(bearing), math.sin(bearing), 0.0)
 
 
 def along(velocity: Sequence[float], way: Direction) -> float:

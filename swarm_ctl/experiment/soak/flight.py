@@ -78,6 +78,8 @@ class Script:
         self._arena = arena
         self.taken_s: dict[int, float] = {}
         """Whose pilot has chosen another mode in flight, by index, and when he did so first."""
+        self.given_s: dict[int, float] = {}
+        """Whose pilot has given it back, and when."""
         self._acts = sorted(
             [(order.time_s, order.sysid, order.operator) for order in scenario.orders]
             + [(taken.time_s, taken.sysid, taken.mode) for taken in scenario.takeovers],
@@ -105,7 +107,8 @@ class Script:
                 if sysid not in {None, index + 1}:
                     continue
                 if isinstance(act, Operator):
-                    self.taken_s.pop(index, None)
+                    if self.taken_s.pop(index, None) is not None:
+                        self.given_s[index] = now
                     controller.order(act, now)
                 else:
                     self._choose(index, act)
@@ -123,7 +126,7 @@ class Script:
     def _choose(self, index: int, mode: str) -> None:
         """Choose a mode from a ground station."""
         vehicle = self._arena.fleet.vehicles[index]
-        if vehicle.flying:
+        if vehicle.flying and vehicle.alive:
             self.taken_s.setdefault(index, self._arena.now)
         numbers = (1.0, *MODES[vehicle.personality][mode], 0.0, 0.0, 0.0, 0.0)
         frame = _COMMAND_LONG.pack(0, *_STATION, vehicle.sysid, 1, _SET_MODE, 0, *numbers)
@@ -144,7 +147,7 @@ def fly(scenario: Scenario, *, hashed: bool = False) -> Outcome:
     arena = arena_of(scenario, witness)
     script = Script(scenario, arena)
     look = Look(scenario, arena, witness)
-    look.taken_s = script.taken_s
+    look.taken_s, look.given_s = script.taken_s, script.given_s
     violation = _watch(look, script)
     return Outcome(
         scenario.seed,

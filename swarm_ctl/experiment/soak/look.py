@@ -101,6 +101,8 @@ class Look:
         """The closest approach of a pair that may not touch."""
         self.taken_s: dict[int, float] = {}
         """Whose pilot has chosen another mode, and when."""
+        self.given_s: dict[int, float] = {}
+        """Whose pilot has given it back, however fast it flew or fell, and when."""
         self.wall_contacts = 0
         self.coverage = 0.0
         self.within: set[int] = set()
@@ -134,6 +136,7 @@ class Look:
             and vehicles[i].alive
             and self.is_ours(i)
             and not self.is_out_of_hand(i)
+            and now - self.given_s.get(i, -math.inf) > HEALED_S
             for i in self.range
         ]
         sent, self._witness.sent = self._witness.sent, {}
