@@ -222,14 +222,16 @@ class Bench:
     def pushed_m_s(self, towards: Direction) -> float:
         """Give the most that walls push towards a peer, in half: 0.5 m/s each that is too near.
 
-        They do who come 0.12 m nearer than they may, within the time that a vehicle flies on.
+        They do who come 0.12 m nearer than they may within the time that a vehicle flies on, and
+        who are flown at so fast that they tell it to leave at the speed that this would mean.
         """
         flown_m = [RESPONSE_S * v for v in self.agent.telemetry.velocity_ned_m_s]
-        near = [
-            way
-            for name, way, room_m, _ in self.limits()
-            if name == "wall" and room_m < max(0.0, along(flown_m, way)) - PRESSED_M
-        ]
+        near = []
+        for name, way, room_m, _ in self.limits():
+            ahead_m = max(0.0, along(flown_m, way))
+            left_m = room_m - ahead_m
+            if name == "wall" and left_m < 0.0 and 2.0 * left_m - ahead_m < -2.0 * PRESSED_M:
+                near.append(way)
         return 0.5 * sum(max(0.0, -0.5 * along(way, towards)) for way in near)
 
     def limits(self) -> list[tuple[str, Direction, float, float]]:

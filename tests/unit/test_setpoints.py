@@ -125,6 +125,6 @@ def test_whatever_a_planner_wants_every_number_on_the_wire_is_one(
 def test_what_is_sent_in_flight_is_the_target_that_it_stands_for(
     x: float, y: float, z: float, yaw_rad: float, now: float
 ) -> None:
-    velocity, now = Vec3(x, y, z), abs(now)
+    velocity, now = Vec3(x + 0.0, y + 0.0, z + 0.0), abs(now)  # no minus before a zero
     sent = Sender(1).setpoint(Setpoint(velocity, yaw_rad), now)
     assert sent == Sender(1).target(Target(velocity_m_s=velocity, yaw_rad=wrap_rad(yaw_rad)), now)
