@@ -224,11 +224,19 @@ class Guard:
             own = vx * x + vy * y + vz * z
             coming = -(px * x + py * y + pz * z)
             room = self._towards_peer(distance - doubt_m, own, coming, response_s)
-            if room > self._nearly_m_s:
-                room = max(room, 0.5 * (push_m_s.x * x + push_m_s.y * y + push_m_s.z * z))
+            pushed = 0.5 * (push_m_s.x * x + push_m_s.y * y + push_m_s.z * z)
+            if pushed > max(room, 0.0) and self._is_clear(distance, own, coming, response_s):
+                room = pushed
             if room < self._top:
                 constraints.append(Constraint(x, y, z, room))
         return constraints
+
+    def _is_clear(
+        self, distance_m: float, own_m_s: float, coming_m_s: float, response_s: float
+    ) -> bool:
+        """Whether a peer is far enough to be pushed towards, wherever else it may be in doubt."""
+        room = self._towards_peer(distance_m, own_m_s, coming_m_s, response_s)
+        return room > self._nearly_m_s
 
     def _push(self, walls: Sequence[Constraint]) -> Vec3:
         """Give the velocity with which walls that are about to be touched push off."""

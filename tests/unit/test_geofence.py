@@ -82,6 +82,8 @@ def test_two_that_turn_towards_each_other_at_once_stay_apart_though_they_obey_la
 def test_a_peer_too_close_pushes_away() -> None:
     peer = Neighbour(Vec3(0.7, 0, 0), ZERO)
     assert GUARD.confine(Vec3(0, 0, 0), at_rest(), CLEAR, [peer]).x < -0.3
+    nearly = Neighbour(Vec3(0.95, 0, 0), ZERO)
+    assert GUARD.confine(Vec3(0, 0, 0), at_rest(), CLEAR, [nearly]).x == pytest.approx(-0.1)
 
 
 def test_between_a_wall_and_a_peer_a_vehicle_comes_off_the_wall_unless_the_peer_is_too_near() -> (
@@ -93,6 +95,9 @@ def test_between_a_wall_and_a_peer_a_vehicle_comes_off_the_wall_unless_the_peer_
     nearer = Neighbour(Vec3(-0.8, 0, 0), ZERO)
     assert GUARD.confine(ZERO, at_rest(), ranges, [nearer]).x == pytest.approx(0.0, abs=0.01)
     assert GUARD.confine(ZERO, at_rest(), CLEAR, [nearer]).x > 0.2, "without a wall it gives way"
+    in_doubt = Neighbour(Vec3(-1.4, 0, 0), ZERO, 1.0)
+    assert GUARD.confine(ZERO, at_rest(), ranges, [in_doubt]).x < -0.1
+    assert GUARD.confine(ZERO, at_rest(), CLEAR, [in_doubt]).x > 0.2
 
 
 def test_beside_a_wall_that_is_about_to_be_touched_a_vehicle_flies_on_slowly() -> None:
