@@ -139,7 +139,7 @@ async def _serve(
         def keep() -> None:
             report()
             if out is not None and next(reports) % TRUTH_EVERY == 0:
-                fleet.write(out)
+                fleet.write(out, so_far=True)
 
         await server.run(duration_s=duration_s, report=keep, watch_stdin=show is show_json)
         if out is not None:

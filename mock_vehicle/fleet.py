@@ -157,9 +157,12 @@ class Fleet:
         for vehicle in self.vehicles:
             vehicle.sign_with(key, timestamp)
 
-    def write(self, folder: Path) -> None:
-        """Write what the referee saw, and the radio's figures; docs/run-folder.md."""
-        self.referee.write(folder)
+    def write(self, folder: Path, *, so_far: bool = False) -> None:
+        """Write what the referee saw, `so_far` or in all, and the radio's figures.
+
+        docs/run-folder.md tells of it.
+        """
+        self.referee.write(folder, so_far=so_far)
         write_json(folder / "radio.json", self.radio.figures.report())
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,7 @@ PARTED_M = 0.1
 STREAM_S = 1.0
 """Longer gaps between setpoints are another stream, not jitter."""
 SETPOINT_S = 0.1
+UNCOUNTED: Mapping[str, float | None] = {"redundant_fraction": None, "vehicles_per_cell": None}
 
 
 class Contacts:
@@ -182,7 +183,7 @@ class Referee:
         volume_m3 = float(grid.free.sum()) * grid.cell_m**3
         return {"searchable_m3": round(volume_m3, 3), "ball_radius_m": spec.radius_m}
 
-    def truth(self) -> dict[str, Any]:
+    def truth(self, *, so_far: bool = False) -> dict[str, Any]:
         """Collect all scalars and short lists, in JSON values."""
         return {
             **self.snapshot(),
@@ -196,7 +197,7 @@ class Referee:
             "wall_collisions": self._walls.count,
             "pair_collisions": self._pair_collisions,
             "setpoint_jitter_p99_ms": self.setpoint_jitter_p99_ms(),
-            **self._redundancy(),
+            **(UNCOUNTED if so_far else self._redundancy()),
             "coverage_curve": [list(point) for point in self._curve],
             "victims": [
                 {
@@ -220,13 +221,16 @@ class Referee:
             return None
         return float(np.percentile(np.abs(streamed - SETPOINT_S), 99) * 1e3)
 
-    def write(self, folder: Path) -> None:
-        """Write truth.json, truth.npz and world.json; a reader never sees half a file."""
+    def write(self, folder: Path, *, so_far: bool = False) -> None:
+        """Write truth.json, truth.npz and world.json; a reader never sees half a file.
+
+        Of a flight `so_far` nobody counts who saw what: that takes the longer the longer it is.
+        """
         self.write_world(folder)
         arrays = io.BytesIO()
         np.savez_compressed(arrays, **self._arrays())
         _replace(folder / "truth.npz", arrays.getvalue())
-        write_json(folder / "truth.json", self.truth())
+        write_json(folder / "truth.json", self.truth(so_far=so_far))
 
     def write_world(self, folder: Path) -> None:
         """Write world.json, which stays as it is."""
@@ -250,13 +254,13 @@ class Referee:
     def _track_ned_m(self) -> FLOATS:
         return np.array([at for _, at, _ in self._track]).reshape(-1, len(self._vehicles), 3)
 
-    def _redundancy(self) -> dict[str, float | None]:
+    def _redundancy(self) -> Mapping[str, float | None]:
         """Tell how much was seen by several vehicles that one would have been enough for."""
         airborne = np.array([flies for _, _, flies in self._track], dtype=bool)
         seers = self.coverage.seers(self._track_ned_m(), airborne.reshape(-1, len(self._vehicles)))
         seers = seers[seers > 0]
         if not len(seers):
-            return {"redundant_fraction": None, "vehicles_per_cell": None}
+            return UNCOUNTED
         return {
             "redundant_fraction": round(float((seers > 1).mean()), 5),
             "vehicles_per_cell": round(float(seers.mean()), 4),

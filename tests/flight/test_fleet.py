@@ -291,7 +291,10 @@ def test_the_truth_is_written(launch: Launch, tmp_path: Path) -> None:
     flight.velocity = [(0.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
     flight.fly(6.0)
     folder = tmp_path / "run" / "truth"
+    flight.fleet.write(folder, so_far=True)
+    assert json.loads((folder / "truth.json").read_text())["vehicles_per_cell"] is None
     flight.fleet.write(folder)
+    assert json.loads((folder / "truth.json").read_text())["vehicles_per_cell"] >= 1.0
     assert sorted(file.name for file in folder.iterdir()) == [
         "radio.json",
         "truth.json",

@@ -1,0 +1,116 @@
+"""Fly a fleet in real time over UDP, and say what it costs: `python benchmarks/fleet.py --help`.
+
+Two processes, as `swarm-ctl run` has them: the mock fleet and the controllers. CPU time is taken
+from the kernel's books once all explore. A setpoint that is later than 20 ms counts as missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+SQUARE_M2 = 12.0
+"""Of the hall, for each vehicle."""
+CLIMB_S, FLOWN_S = 20.0, 20.0
+TICK_HZ = os.sysconf("SC_CLK_TCK")
+PAGE_KB = os.sysconf("SC_PAGE_SIZE") / 1024.0
+
+
+def write_mission(folder: Path, vehicles: int, planner: str) -> Path:
+    """Write a hall of equal density for any number of vehicles, and the mission to fly in it."""
+    side_m = round(math.sqrt(SQUARE_M2 * vehicles) + 2.0, 1)
+    world = {"name": "hall", "size_m": [side_m, side_m], "ceiling_m": 6.0}
+    (folder / "hall.yaml").write_text(yaml.safe_dump(world), encoding="utf-8")
+    mission = {
+        "name": "fleet",
+        "world": "hall.yaml",
+        "vehicles": vehicles,
+        "duration_s": 2.0 * (CLIMB_S + FLOWN_S),
+        "planner": {"kind": planner, "dimensions": 3},
+        "flight": {"start_spacing_s": 0.0},
+        "limits": {"ceiling_m": 5.6},
+    }
+    path = folder / "mission.yaml"
+    path.write_text(yaml.safe_dump(mission), encoding="utf-8")
+    return path
+
+
+def processes(root: int) -> list[int]:
+    """Give a process and all that it has started, the controllers' first."""
+    children = Path(f"/proc/{root}/task/{root}/children").read_text(encoding="utf-8").split()
+    return [root, *(pid for child in children for pid in processes(int(child)))]
+
+
+def usage(pid: int) -> tuple[float, float, float]:
+    """Give CPU time, s, resident memory, MB, and time spent waiting for a core, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(") ")[2].split()
+    waited_ns = Path(f"/proc/{pid}/schedstat").read_text(encoding="utf-8").split()[1]
+    cpu_s = (int(fields[11]) + int(fields[12])) / TICK_HZ
+    return cpu_s, int(fields[21]) * PAGE_KB / 1024.0, int(waited_ns) * 1e-9
+
+
+def fly(vehicles: int, planner: str) -> dict[str, Any]:
+    """Fly once, and give the figures of the time in which all explore."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        mission = write_mission(folder, vehicles, planner)
+        command = [sys.executable, "-m", "swarm_ctl", "run", str(mission), "--out", f"{name}/run"]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as run:  # noqa: S603 - our own
+            time.sleep(CLIMB_S)  # noqa: TID251 - this is a process of its own
+            pids = processes(run.pid)
+            before, began_s = [usage(pid) for pid in pids], time.monotonic()
+            time.sleep(FLOWN_S)  # noqa: TID251 - the same
+            after, took_s = [usage(pid) for pid in pids], time.monotonic() - began_s
+            run.terminate()
+            run.terminate()
+        summary = json.loads((folder / "run/summary.json").read_text(encoding="utf-8"))
+    spent_s = [end[0] - start[0] for start, end in zip(before, after, strict=True)]
+    waited_s = [end[2] - start[2] for start, end in zip(before, after, strict=True)]
+    return {
+        "vehicles": vehicles,
+        "planner": planner,
+        "controllers_ms_per_vehicle_s": 1e3 * spent_s[0] / took_s / vehicles,
+        "mock_ms_per_vehicle_s": 1e3 * sum(spent_s[1:]) / took_s / vehicles,
+        "cores": sum(spent_s) / took_s,
+        "memory_mb": sum(end[1] for end in after),
+        "waited_fraction": max(waited_s) / took_s,
+        "setpoint_jitter_p99_ms": summary["setpoint_jitter_p99_ms"],
+        "late_fraction": summary.get("setpoint_late_fraction"),
+        "lost": summary["messages_lost"],
+        "contacts": summary["collisions"],
+    }
+
+
+def main() -> None:
+    """Print a line per number of vehicles; `--json FILE` writes the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--vehicles", type=int, nargs="*", default=[10, 50, 100, 250])
+    parser.add_argument("--planner", default="explore")
+    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    options = parser.parse_args()
+    rows = []
+    print("vehicles  cores  ms per vehicle-s: controllers  mock   jitter p99 ms  waited  MB")
+    for vehicles in options.vehicles:
+        rows.append(row := fly(vehicles, options.planner))
+        print(
+            f"{vehicles:8}  {row['cores']:5.2f}  {row['controllers_ms_per_vehicle_s']:29.2f}"
+            f"  {row['mock_ms_per_vehicle_s']:4.2f}  {row['setpoint_jitter_p99_ms']:14.1f}"
+            f"  {100 * row['waited_fraction']:5.0f}%  {row['memory_mb']:.0f}",
+            flush=True,
+        )
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
