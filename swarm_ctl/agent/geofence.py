@@ -25,10 +25,11 @@ ALONG = 0.3
 exactly it is, and who flies along may fly into it."""
 NEARLY = 0.9
 """A peer nearer than this part of `limits.separation_m` is too near to be pushed towards."""
-HALF = math.sqrt(0.5)
 PUSH_M_S = 0.5
-"""As fast as walls push off."""
+"""As fast as walls push off, at most."""
 CRAWL_M_S = 0.3
+"""Between two beams that both see something, who is no faster is not slowed down for it."""
+HALF = math.sqrt(0.5)
 SOON_S = 1.0
 """In so long a vehicle that flies level has left the way of one that climbs or descends."""
 GIVE_WAY, IN_THE_WAY = 0.6, 0.7
@@ -78,23 +79,22 @@ class Guard:
         """Give the nearest velocity that respects every limit.
 
         `ranges_m` are in the order front, back, left, right, up, down (inf = clear); `walls` are
-        remembered where those are silent. Distances
-        are taken as they will be when the vehicle has begun to obey: it flies on for
-        `flight.response_s` first, and longer behind a slow link. A vehicle that does not know its
-        place is not pushed off floor, ceiling or fence: it would be for ever.
+        remembered where those are silent. Distances are taken as they will be when the vehicle
+        has begun to obey: it flies on for `flight.response_s` first, and longer behind a slow
+        link. A vehicle that does not know its place is not pushed off floor, ceiling or fence: it
+        would be for ever.
         """
         peers = self._levelled(peers) if self._is_level else peers
         if peers:
             velocity = self._keep_right(velocity, peers)
         seen = self._walls(motion, ranges_m)
-        if min((wall.limit for wall in seen), default=0.0) < self._pressing_m_s:
+        if any(wall.limit < self._pressing_m_s and not wall.nz for wall in seen):
             velocity = Vec3(velocity.x * ALONG, velocity.y * ALONG, velocity.z * ALONG)
         constraints = self._fence(motion) if knows_place else []
         if peers:
             constraints += self._peers(motion, peers, self._push(seen))
-        constraints += (
-            self._remembered(motion, walls) + seen
-        )  # last, and so they win a contradiction: they leave the least room
+        # What is seen comes last, and so wins a contradiction: walls leave the least room.
+        constraints += self._remembered(motion, walls) + seen
         return limit_velocity(velocity, constraints, self._speed, self._climb)
 
     def _fence(self, motion: Motion) -> list[Constraint]:

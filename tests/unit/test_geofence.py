@@ -105,6 +105,17 @@ def test_beside_a_wall_that_is_about_to_be_touched_a_vehicle_flies_on_slowly() -
     along = Vec3(0.0, 1.0, 0.0)
     assert GUARD.confine(along, at_rest(), nearly, []).y == pytest.approx(1.0)
     assert GUARD.confine(along, at_rest(), beside, []).y == pytest.approx(0.3)
+    near_the_ground = [*CLEAR[:5], 0.3]
+    assert GUARD.confine(along, at_rest(), near_the_ground, []).y > 0.9, "it flies off it freely"
+
+
+def test_a_pillar_between_two_beams_is_braked_for_and_does_not_push() -> None:
+    between = [1.2, math.inf, math.inf, 1.2, math.inf, math.inf]  # ahead on the right
+    half = math.sqrt(0.5)
+    moving = Motion(Vec3(0, 0, -2), Vec3(half, half, 0.0), 0.0)
+    safe = GUARD.confine(Vec3(half, half, 0.0), moving, between, [])
+    assert half * (safe.x + safe.y) == pytest.approx(0.44, abs=0.02), "0.78 along the two beams"
+    assert GUARD.confine(ZERO, at_rest(), [0.5, *CLEAR[1:3], 0.5, *CLEAR[4:]], []) == ZERO
 
 
 def test_two_that_meet_head_on_pass_each_other_on_the_right() -> None:
