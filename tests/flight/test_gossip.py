@@ -3,6 +3,7 @@ from collections.abc import Callable
 from flight_log import Flight
 
 from swarm_ctl.agent.phases import Phase
+from swarm_ctl.model import Operator
 from swarm_ctl.record.contacts import changes, contact_figures
 from swarm_ctl.record.journal import read_journal
 from swarm_ctl.record.spread import read_contacts
@@ -57,6 +58,7 @@ def test_who_was_out_of_reach_is_told_when_it_is_back(launch: Launch) -> None:
     )
     flight.fly_until(lambda: flight.all_in(*EXPLORES))
     flight.arena.fleet.radio.silence(3)
+    flight.arena.controllers[2].order(Operator.PAUSE, flight.arena.now)  # or it finds it by itself
     flight.fly_until(lambda: bool(flight.agent(1).victims.known), within_s=230.0)
     flight.fly_until(lambda: bool(flight.agent(2).victims.known), within_s=3.0)
     flight.fly(5.0)

@@ -158,10 +158,11 @@ def test_the_ground_that_others_have_seen_is_shared_in_a_shared_frame(
     flight.fly(20)
     sharing = flight.agent(1)._sharing
     assert sharing is not None
-    assert bool(sharing.explorer.trails.length(2)) == learns
     place = (
         truly_m(flight, 2) - truly_m(flight, 1) + np.array(flight.agent(1).telemetry.position_ned_m)
     )
+    flight.fly(5)  # until it has been told of
+    assert bool(sharing.explorer.trails.length(2)) == learns
     assert bool(sharing.explorer.memory.flags(place[:2])) == learns
 
 
@@ -281,7 +282,7 @@ def test_estimators_without_a_compass_are_flown_in_one_surveyed_frame(
 def test_a_second_flight_from_elsewhere_is_one_in_the_same_frame(launch: Launch) -> None:
     """Origins stay where the autopilots were switched on; starts are where the first one ended."""
     world = {**ROOM, "size_m": [30, 30]}
-    first = launch(autopilot="mixed", world=world, flight={"return_home": False}, duration_s=20.0)
+    first = launch(autopilot="mixed", world=world, flight={"return_home": False}, duration_s=30.0)
     first.fly_to_the_end()
     late = {"ready_timeout_s": 3600.0}
     second = launch(autopilot="mixed", world=world, frame=GNSS, flight=late)
