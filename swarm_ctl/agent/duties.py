@@ -41,7 +41,8 @@ SETTLE_S = 4.0
 CLIMBED_FRACTION = 0.9
 DOWN = RANGE_ORDER.index("down")
 ON_GROUND_M = 0.3
-HOLD_GAIN, HOLD_M_S = 0.8, 0.3
+HOLD_GAIN, HOLD_M_S = 0.8, 0.5
+"""Speed per metre off the place that is held, and at most: wind at take-off blows a metre away."""
 IS_HOME = "home"
 
 Duty = Callable[["Agent"], Vec3 | None]
