@@ -139,11 +139,11 @@ async def _serve(
         def keep() -> None:
             report()
             if out is not None and next(reports) % TRUTH_EVERY == 0:
-                fleet.write(out, so_far=True)
+                fleet.write(out, so_far=True, pace=server.pace())
 
         await server.run(duration_s=duration_s, report=keep, watch_stdin=show is show_json)
         if out is not None:
-            fleet.write(out)
+            fleet.write(out, pace=server.pace())
 
 
 def main() -> None:

@@ -32,7 +32,7 @@ def show_json(fleet: Fleet, server: Server) -> Iterator[Callable[[], None]]:
     def progress() -> dict[str, Any]:
         return {
             **fleet.referee.snapshot(),
-            "behind_s": round(server.behind_s, 3),
+            **server.pace(),
             "refused": fleet.refused,
         }
 
@@ -103,6 +103,8 @@ class Health:
         ]
         if self._server.behind_s >= 0.1:
             parts.append(f"behind by {self._server.behind_s:.1f} s")
+        if self._server.steps_late:
+            parts.append(f"late {self._server.pace()['mock_late_fraction']:.2%}")
         if fleet.refused:
             parts.append(f"refused {fleet.refused}")
         return "  ".join(parts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,9 @@ class Fleet:
         self._steps_per_sample = round(TICK_S / self.step_s)
         self._steps_per_tick = 1 if rates == "full" else self._steps_per_sample
         self._pack = list if rates == "full" else packed
+        self.takes_turns = False
+        """Whether the vehicles speak in turn, in the steps between two looks of the sensors, rather
+        than all at once: nobody is busy for long then, neither who serves them nor their clients."""
         self._build(world, personalities, seed, boot_s, rates, parameters or {})
         self._equip(world, rngs)
         self.links = LossyLinks(seed)
@@ -157,18 +160,26 @@ class Fleet:
         for vehicle in self.vehicles:
             vehicle.sign_with(key, timestamp)
 
-    def write(self, folder: Path, *, so_far: bool = False) -> None:
+    def write(
+        self, folder: Path, *, so_far: bool = False, pace: Mapping[str, Any] | None = None
+    ) -> None:
         """Write what the referee saw, `so_far` or in all, and the radio's figures.
 
-        docs/run-folder.md tells of it.
+        `pace` says how well it was served in real time. docs/run-folder.md tells of it all.
         """
-        self.referee.write(folder, so_far=so_far)
+        self.referee.write(folder, so_far=so_far, pace=pace)
         write_json(folder / "radio.json", self.radio.figures.report())
 
     @property
     def refused(self) -> int:
         """Frames that all vehicles refused, for want of a good signature."""
         return sum(vehicle.refused for vehicle in self.vehicles)
+
+    @property
+    def dropped(self) -> int:
+        """Frames that full queues have dropped."""
+        links = (link for vehicle in self.vehicles for link in vehicle.autopilot.links)
+        return self.links.dropped + sum(link.dropped for link in links)
 
     @property
     def places(self) -> list[tuple[int, int]]:
@@ -222,7 +233,11 @@ class Fleet:
         if sensed:
             self._sample(now)
         late = [(at.vehicle, data) for at, data in self.links.late("downlink", now, links=(0,))]
-        return late if self._steps % self._steps_per_tick else late + self._tick(now, sensed=sensed)
+        turn, turns = self._steps % self._steps_per_tick, self._steps_per_tick - 1
+        if self.takes_turns and turns and self._steps > turns:
+            speakers = self.vehicles[turn - 1 :: turns] if turn else []
+            return late + self._tick(speakers, now, sensed=True)
+        return late if turn else late + self._tick(self.vehicles, now, sensed=sensed)
 
     def _sample(self, now: float) -> None:
         """Let all sensors measure and the referee look."""
@@ -239,13 +254,16 @@ class Fleet:
         self.wind.blow(TICK_S)
         self._find_near(distances)
 
-    def _tick(self, now: float, *, sensed: bool) -> list[tuple[int, bytes]]:
-        """Let the autopilots steer and speak."""
-        refresh_all(self.vehicles, self.dynamics, self.readings, sensed=sensed)
+    def _tick(
+        self, speakers: Sequence[Vehicle], now: float, *, sensed: bool
+    ) -> list[tuple[int, bytes]]:
+        """Let autopilots steer and speak."""
+        refresh_all(speakers, self.dynamics, self.readings, sensed=sensed)
         leaving: list[tuple[int, bytes]] = []
-        for index, vehicle in enumerate(self.vehicles):
+        for vehicle in speakers:
             if vehicle.hears:
                 vehicle.tick(now)
+                index = vehicle.index
                 frames = self.links.carry(Place(index, 0, "downlink"), vehicle.take(), now)
                 leaving += [(index, data) for data in self._pack(frames)]
         return leaving
@@ -265,6 +283,7 @@ class Fleet:
         seer, seen = close.nonzero()
         ranges = self.rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen))
         readings.ranges_m[:], readings.ring_m[:] = ranges
+        readings.scans_cm = None
         self.radio.update(distances, alive, position, now)
         readings.peers[:] = self.radio.fixes(position, attitude, now)
         readings.victims[:] = self._infrared.fixes(sightings, position, attitude)

@@ -105,6 +105,8 @@ class Channel:
         self.troubles: Sequence[Trouble] = ()
         self.held: list[tuple[float, int, bytes]] = []
         """A heap of (when it arrives, order of sending, frame)."""
+        self.dropped = 0
+        """Frames that found no room to wait."""
         self._dice = dice
         self._sent = 0
 
@@ -129,6 +131,8 @@ class Channel:
                 if len(self.held) < HELD_MAX:
                     self._sent += 1
                     heapq.heappush(self.held, (due, self._sent, frame))
+                else:
+                    self.dropped += 1
         arrived = []
         while self.held and self.held[0][0] <= now + SOON_S:
             arrived.append(heapq.heappop(self.held)[2])
@@ -151,6 +155,8 @@ class LossyLinks:
     def __init__(self, seed: int) -> None:
         self._seed = seed
         self._channels: dict[Place, Channel] = {}
+        self._dropped = 0
+        """On links that are sound again."""
 
     def spoil(self, index: int, links: int, troubles: Sequence[Trouble], now: float) -> None:
         """Let a vehicle's links suffer from these and nothing else from now on."""
@@ -171,8 +177,14 @@ class LossyLinks:
             return frames
         arrived = channel.carry(frames, now)
         if not channel.troubles and not channel.held:
+            self._dropped += channel.dropped
             del self._channels[place]
         return arrived
+
+    @property
+    def dropped(self) -> int:
+        """Frames that found too many others waiting."""
+        return self._dropped + sum(channel.dropped for channel in self._channels.values())
 
     def __len__(self) -> int:
         return sum(len(channel.held) for channel in self._channels.values())

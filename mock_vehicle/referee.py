@@ -221,7 +221,9 @@ class Referee:
             return None
         return float(np.percentile(np.abs(streamed - SETPOINT_S), 99) * 1e3)
 
-    def write(self, folder: Path, *, so_far: bool = False) -> None:
+    def write(
+        self, folder: Path, *, so_far: bool = False, pace: Mapping[str, Any] | None = None
+    ) -> None:
         """Write truth.json, truth.npz and world.json; a reader never sees half a file.
 
         Of a flight `so_far` nobody counts who saw what: that takes the longer the longer it is.
@@ -230,7 +232,7 @@ class Referee:
         arrays = io.BytesIO()
         np.savez_compressed(arrays, **self._arrays())
         _replace(folder / "truth.npz", arrays.getvalue())
-        write_json(folder / "truth.json", self.truth(so_far=so_far))
+        write_json(folder / "truth.json", {**self.truth(so_far=so_far), **(pace or {})})
 
     def write_world(self, folder: Path) -> None:
         """Write world.json, which stays as it is."""

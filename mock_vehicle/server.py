@@ -66,6 +66,8 @@ class _Endpoint:
     """Datagrams read."""
     sent: int = 0
     """Datagrams sent, to whomever."""
+    unsent: int = 0
+    """Datagrams that did not leave: a full buffer, or a network that is down."""
 
     @property
     def bind(self) -> Address:
@@ -84,9 +86,11 @@ class _Endpoint:
             self._send(data, address)
 
     def _send(self, data: bytes, address: Address) -> None:
-        with contextlib.suppress(OSError):
+        try:
             self.socket.sendto(data, address)
             self.sent += 1
+        except OSError:
+            self.unsent += 1
 
     def drain(self, now: float) -> Iterator[bytes]:
         """Read what has arrived, up to a bound."""
@@ -108,6 +112,7 @@ class Server:
     def __init__(self, fleet: Fleet, ports: list[Port], *, speed: float = 1.0) -> None:
         """Open a socket per port; ports stand in the order of `fleet.places`."""
         self._fleet = fleet
+        fleet.takes_turns = True
         self._speed = speed
         self.endpoints = [
             _open(port, *place) for port, place in zip(ports, fleet.places, strict=True)
@@ -116,6 +121,8 @@ class Server:
         """Mission time."""
         self.behind_s = 0.0
         """Mission time dropped so far because the machine was too slow."""
+        self.steps_late = 0
+        """Steps that began more than a step late."""
         self._steps = 0
         self._started_s = math.inf
         """Wall clock of mission time 0; what was dropped has moved it on."""
@@ -138,6 +145,15 @@ class Server:
             "autopilots": fleet.personalities,
             "victims_total": len(fleet.world.victims),
             "starts_ned_m": fleet.starts_ned_m.round(3).tolist(),
+        }
+
+    def pace(self) -> dict[str, Any]:
+        """Say how well it keeps up, in JSON values."""
+        unsent = sum(endpoint.unsent for endpoint in self.endpoints)
+        return {
+            "behind_s": round(self.behind_s, 3),
+            "mock_late_fraction": round(self.steps_late / max(self._steps, 1), 5),
+            "mock_dropped": unsent + self._fleet.dropped,
         }
 
     def stop(self) -> None:
@@ -189,6 +205,7 @@ class Server:
     def _step(self, wall_s: float) -> None:
         self._steps += 1
         self.time_s = self._steps * self._fleet.step_s
+        self.steps_late += self._due_s(wall_s) - self.time_s > self._fleet.step_s
         for index, data in self._fleet.step(self.time_s):
             self.endpoints[index].send(data, wall_s)
         for endpoint in self.endpoints[self._fleet.n :]:

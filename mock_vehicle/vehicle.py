@@ -174,7 +174,7 @@ class Vehicle:
     def deliver(self, frame: bytes) -> None:
         """Queue a peer's frame, brought by the radio, for the companion as it is."""
         if self.alive:
-            self.autopilot.links[0].outbox.append(frame)
+            self.autopilot.links[0].queue(frame)
 
     def take(self, link: int = 0) -> list[bytes]:
         """Take the frames that wait to leave over a link."""
@@ -224,8 +224,6 @@ def refresh_all(
     have measured since the last time: peers and victims are told once per measurement.
     """
     roll_rad, pitch_rad = dynamics.lean_rad()
-    if sensed:
-        readings.scans_cm = None
     error = readings.drift_ned_m
     if not readings.has_odometry:
         error = error + readings.gnss_error_ned_m
@@ -246,9 +244,9 @@ def refresh_all(
             readings.gnss_error_ned_m,
             readings.ranges_m,
         )
-    ).tolist()
-    for vehicle in vehicles:
-        index = vehicle.index
+    )
+    indices = [vehicle.index for vehicle in vehicles]
+    for vehicle, index, row in zip(vehicles, indices, rows[indices].tolist(), strict=True):
         peers = readings.peers[index] if sensed else []
         victims = readings.victims[index] if sensed else []
-        vehicle.refresh(rows[index], peers, victims, readings)
+        vehicle.refresh(row, peers, victims, readings)

@@ -17,6 +17,8 @@ from swarm_ctl.record.unrecorded import Record
 
 TICK_S = 0.1
 """Mission time between two decisions and two setpoints."""
+LATE_S = 0.02
+"""Mission time after which a tick that has not begun has missed its deadline."""
 KILLED = "its controller was killed"
 
 
@@ -35,6 +37,12 @@ class Controller:
         self._flight_journal = folder.flight_journal(agent.sysid)
         self.tell: Callable[[Event], None] = lambda _: None
         """Is told of every event as it is written down."""
+        self.ticks_due = 0
+        """Ticks that real time asked for."""
+        self.ticks_late = 0
+        """Those of them that began late, or not at all."""
+        self.unsent = 0
+        """Datagrams that did not leave: nobody to send to yet, or a full buffer."""
 
     def _take_over(self) -> Diary:
         """Go on where an earlier process was killed, if there was one."""
@@ -67,6 +75,13 @@ class Controller:
             self._tlog.write(data, now)
         self.record(now)
         return data
+
+    def keep_time(self, late_s: float) -> int:
+        """Count a tick that begins so late; give the number of those left out because of it."""
+        left_out = max(0, int(late_s / TICK_S))
+        self.ticks_due += 1 + left_out
+        self.ticks_late += left_out + (late_s > LATE_S)
+        return left_out
 
     def record(self, now: float) -> None:
         """Write down what happened since the last call."""
@@ -118,6 +133,9 @@ class Controller:
             explored_to_s=agent.explored_to_s,
             autopilot=agent.telemetry.autopilot.name if agent.telemetry.autopilot else "",
             path_length_m=self._waypoints.length_m,
+            ticks_due=self.ticks_due,
+            ticks_late=self.ticks_late,
+            unsent=self.unsent,
         )
 
 
@@ -170,11 +188,12 @@ async def fly(
             if broken:
                 raise broken[0]  # noqa: TRY301 - here, where this vehicle's task ends by it
             now = clock.now()
+            left_out = controller.keep_time(now - due_s)
             data = controller.tick(now)
             if data:
-                link.send(data)
+                controller.unsent += not link.send(data)
             tell(controller.agent, link.reach())
-            due_s += TICK_S * max(1, 1 + int((now - due_s) / TICK_S))
+            due_s += TICK_S * (1 + left_out)
     except Exception:
         link.send(controller.agent.standstill())  # its last word: it would fly on for a while
         raise

@@ -97,6 +97,7 @@ class Client:
             self.dynamics.step(PHYSICS_S, (0.0, 0.0, 0.0))
         self.now = self.ticks * TICK_S
         self.before_tick()
+        self.readings.scans_cm = None
         refresh_all([self.vehicle], self.dynamics, self.readings)
         heard = []
         self.vehicle.tick(self.now)

@@ -108,7 +108,9 @@ class Link:
         self.number = number
         """Its id in signatures."""
         self.outbox: deque[bytes] = deque(maxlen=OUTBOX_FRAMES)
-        """Frames that leave next."""
+        """Frames that leave next; `queue` adds to them."""
+        self.dropped = 0
+        """Frames that found the outbox full, each of which took the oldest one's place."""
         self.streams = streams
         self.parser = wire.Parser(subscribed)
         self.pings = 0
@@ -137,7 +139,12 @@ class Link:
         sequence = self._sequences.get(compid, 0)
         self._sequences[compid] = (sequence + 1) & 0xFF
         frame = message.pack(sequence, sysid, compid, *values)
-        self.outbox.append(self._gate.seal(frame, self.number))
+        self.queue(self._gate.seal(frame, self.number))
+
+    def queue(self, frame: bytes) -> None:
+        """Let a frame leave next, as it is."""
+        self.dropped += len(self.outbox) == OUTBOX_FRAMES
+        self.outbox.append(frame)
 
     def send_all(
         self, message: wire.Message, sysid: int, compid: int, rows: Sequence[tuple[object, ...]]
@@ -146,7 +153,7 @@ class Link:
         sequence = self._sequences.get(compid, 0)
         pack, seal, number = message.pack, self._gate.seal, self.number
         for values in rows:
-            self.outbox.append(seal(pack(sequence, sysid, compid, *values), number))
+            self.queue(seal(pack(sequence, sysid, compid, *values), number))
             sequence = (sequence + 1) & 0xFF
         self._sequences[compid] = sequence
 

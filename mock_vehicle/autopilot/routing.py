@@ -26,5 +26,5 @@ class Routes:
         component = getattr(frame.values, "target_component", 0)
         to = self._links.get((frame.values.target_system, component)) if component else None
         if to is not None:
-            to.outbox.append(frame.raw)
+            to.queue(frame.raw)
         return to is not None

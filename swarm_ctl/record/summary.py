@@ -30,6 +30,8 @@ _TOTALS = (
     "path_length_m",
     "energy_kwh",
     "setpoint_jitter_p99_ms",
+    "mock_late_fraction",
+    "mock_dropped",
     "redundant_fraction",
     "vehicles_per_cell",
 )
@@ -57,6 +59,12 @@ class VehicleResult:
     """What its heartbeat said; empty when none came."""
     path_length_m: float = 0.0
     """By its own estimate."""
+    ticks_due: int = 0
+    """Of its controller in real time."""
+    ticks_late: int = 0
+    """Those that began late, or not at all."""
+    unsent: int = 0
+    """Datagrams of its controller that did not leave."""
 
 
 def summarise(
@@ -98,10 +106,14 @@ def summarise(
         "coverage_fraction": _coverage_at(truth, until_s, otherwise=final),
         "coverage_final_fraction": _coverage_at(truth, math.inf, otherwise=final),
         **{key: truth.numbers.get(key) for key in _TOTALS},
+        "setpoint_late_fraction": _share_of(
+            sum(one.ticks_late for one in results), sum(one.ticks_due for one in results)
+        ),
         **(contacts.figures if contacts else dict.fromkeys((*CONTACT_FIGURES, *SPREAD_FIGURES))),
         "messages_sent": sum(one.messages_sent for one in results),
         "messages_received": sum(one.messages_received for one in results),
         "messages_lost": sum(one.messages_lost for one in results),
+        "datagrams_unsent": sum(one.unsent for one in results),
         "run_sha256": run_sha256,
         "notes": [
             *notes,
@@ -114,6 +126,11 @@ def summarise(
     }
     plain: dict[str, Any] = _plain(summary)
     return plain
+
+
+def _share_of(part: int, whole: int) -> float | None:
+    """Give a share, None of nothing."""
+    return round(part / whole, 5) if whole else None
 
 
 def _known(results: Sequence[VehicleResult]) -> Truth:
@@ -355,6 +372,14 @@ def _messages(summary: Mapping[str, Any]) -> Text:
     jitter = summary["setpoint_jitter_p99_ms"]
     if jitter is not None:
         text.append(f"; setpoints {jitter:.1f} ms off their beat at most, 99 times of 100")
+    if late := summary["setpoint_late_fraction"]:
+        text.append(f", {late:.2%} late")
+    if late := summary["mock_late_fraction"]:
+        text.append(f"; {late:.2%} of the mock's steps late")
+    if unsent := summary["datagrams_unsent"]:
+        text.append(f"; {unsent:,} datagrams did not leave", style="dim")
+    if dropped := summary["mock_dropped"]:
+        text.append(f"; the mock's full queues dropped {dropped:,}", style="yellow")
     return text
 
 

@@ -21,6 +21,7 @@ from swarm_ctl.model import Operator, Vec3
 from swarm_ctl.record.folder import Mode, RunFolder
 
 REPORT_S = 0.25
+SET_ASIDE_S = 1.0
 SYNC_S = 1.0
 """Wall time; what a power failure may take of the journals."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -88,7 +89,7 @@ class Fleet:
             aside = [*aside, mesh.run()]
         async with asyncio.TaskGroup() as group:
             publisher = self._publisher()
-            works = (self._report(progress), self._sync(), *aside, *self._bus(publisher))
+            works = (self._report(progress), self._sync(), _set_aside(), *aside, *self._bus(publisher))
             tasks = [group.create_task(work) for work in works]
             await self._fly_all(links)
             self.notes += [] if publisher is None else await publisher.finish()
@@ -204,3 +205,11 @@ class Fleet:
             except OSError as error:  # a full disk, a terminal that is gone: no reason to fall
                 self._note_unwritten(error)
             await asyncio.sleep(REPORT_S)
+
+
+async def _set_aside() -> None:
+    """Spare the garbage collector what has lived for a while: to search it all takes too long."""
+    while True:
+        await asyncio.sleep(SET_ASIDE_S)
+        gc.collect(1)
+        gc.freeze()
