@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import itertools
 import logging
 import os
 import signal
@@ -23,6 +22,7 @@ from mock_vehicle.display import show_human, show_json
 from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import parse_fault
 from mock_vehicle.fleet import Fleet
+from mock_vehicle.keeper import Keeper
 from mock_vehicle.options import SYSID_MAX, Autopilot, Boot, Telemetry
 from mock_vehicle.ports import LOCALHOST, plan_further_ports, plan_ports, plan_shown_ports
 from mock_vehicle.server import Port, Server
@@ -35,8 +35,6 @@ Show = Callable[[Fleet, Server], AbstractContextManager[Callable[[], None]]]
 
 READY_S = 1.0
 """A fast boot."""
-TRUTH_EVERY = 5
-"""Reports, one a second, between two writings of the truth; one takes about 4 ms."""
 
 
 def run(
@@ -131,19 +129,17 @@ async def _serve(
         loop.add_signal_handler(number, server.stop)
     gc.collect()
     gc.freeze()
-    reports = itertools.count(1)
-    if out is not None:
-        fleet.referee.write_world(out)  # who waits for `ready` finds it
+    keeper = None if out is None else Keeper(fleet, server, out)
     with show(fleet, server) as report:
 
         def keep() -> None:
             report()
-            if out is not None and next(reports) % TRUTH_EVERY == 0:
-                fleet.write(out, so_far=True, pace=server.pace())
+            if keeper is not None:
+                keeper.look()
 
         await server.run(duration_s=duration_s, report=keep, watch_stdin=show is show_json)
-        if out is not None:
-            fleet.write(out, pace=server.pace())
+        if keeper is not None:
+            await keeper.close()
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from mock_vehicle.faults import Fault, check
 from mock_vehicle.geodesy import Origin
 from mock_vehicle.lossy import LossyLinks, Place
 from mock_vehicle.radio import Radio
-from mock_vehicle.referee import PARTED_M, Referee, write_json
+from mock_vehicle.referee import PARTED_M, Files, Referee, write_files
 from mock_vehicle.sensors.battery import Batteries
 from mock_vehicle.sensors.gnss import Gnss, Reception
 from mock_vehicle.sensors.infrared import Infrared
@@ -84,7 +84,7 @@ class Fleet:
         self._pack = list if rates == "full" else packed
         self.takes_turns = False
         """Whether the vehicles speak in turn, in the steps between two looks of the sensors, rather
-        than all at once: nobody is busy for long then, neither who serves them nor their clients."""
+        than all at once: neither who serves them nor their clients are busy for long then."""
         self._build(world, personalities, seed, boot_s, rates, parameters or {})
         self._equip(world, rngs)
         self.links = LossyLinks(seed)
@@ -160,15 +160,18 @@ class Fleet:
         for vehicle in self.vehicles:
             vehicle.sign_with(key, timestamp)
 
-    def write(
-        self, folder: Path, *, so_far: bool = False, pace: Mapping[str, Any] | None = None
-    ) -> None:
-        """Write what the referee saw, `so_far` or in all, and the radio's figures.
+    def write(self, folder: Path) -> None:
+        """Write what the referee saw and the radio's figures; docs/run-folder.md tells of it."""
+        write_files(folder, self.files())
 
-        `pace` says how well it was served in real time. docs/run-folder.md tells of it all.
+    def files(self, *, so_far: bool = False, pace: Mapping[str, Any] | None = None) -> Files:
+        """Give what is to be written, of the flight `so_far` or of all of it.
+
+        `pace` says how well the fleet was served in real time.
         """
-        self.referee.write(folder, so_far=so_far, pace=pace)
-        write_json(folder / "radio.json", self.radio.figures.report())
+        files = self.referee.files(so_far=so_far)
+        files["truth.json"] |= pace or {}
+        return {**files, "radio.json": self.radio.figures.report()}
 
     @property
     def refused(self) -> int:

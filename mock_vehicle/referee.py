@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 FLOATS = NDArray[np.float64]
 BOOLS = NDArray[np.bool_]
 INDICES = NDArray[np.intp]
+Files = dict[str, dict[str, Any]]
+"""By name: the arrays of an .npz, the JSON values of a .json."""
 
 COVER_EVERY = 2
 """Coverage is looked at every second tick: 5 Hz."""
@@ -221,23 +223,20 @@ class Referee:
             return None
         return float(np.percentile(np.abs(streamed - SETPOINT_S), 99) * 1e3)
 
-    def write(
-        self, folder: Path, *, so_far: bool = False, pace: Mapping[str, Any] | None = None
-    ) -> None:
-        """Write truth.json, truth.npz and world.json; a reader never sees half a file.
+    def files(self, *, so_far: bool = False) -> Files:
+        """Give the content of truth.json, truth.npz and world.json; it changes no more.
 
         Of a flight `so_far` nobody counts who saw what: that takes the longer the longer it is.
         """
-        self.write_world(folder)
-        arrays = io.BytesIO()
-        np.savez_compressed(arrays, **self._arrays())
-        _replace(folder / "truth.npz", arrays.getvalue())
-        write_json(folder / "truth.json", {**self.truth(so_far=so_far), **(pace or {})})
+        return {
+            "world.json": self._world.outline(),
+            "truth.npz": self._arrays(),
+            "truth.json": self.truth(so_far=so_far),
+        }
 
     def write_world(self, folder: Path) -> None:
         """Write world.json, which stays as it is."""
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "world.json", self._world.outline())
+        write_files(folder, {"world.json": self._world.outline()})
 
     def _separate(self, distances_m: FLOATS) -> None:
         flying = np.nonzero(self._airborne)[0]
@@ -286,8 +285,8 @@ class Referee:
             "cell_m": np.array(grid.cell_m),
             "origin_ne_m": grid.origin_ne_m,
             "victims_ned_m": np.array(victims, dtype=np.float64).reshape(-1, 3),
-            "victim_found_s": self.victim_found_s,
-            "victim_found_by": self.victim_found_by,
+            "victim_found_s": self.victim_found_s.copy(),
+            "victim_found_by": self.victim_found_by.copy(),
             "starts_ned_m": self._starts_ned_m,
             "sysids": np.array([vehicle.sysid for vehicle in self._vehicles]),
         }
@@ -297,13 +296,21 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a file of the truth; a reader never sees half of it."""
-    _replace(path, json.dumps(content, allow_nan=False).encode())
+def write_files(folder: Path, files: Files) -> None:
+    """Write files of the truth; a reader never sees half of one."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        data = _archive(content) if name.endswith(".npz") else _json(content)
+        draft = folder / f".{name}.part"
+        draft.write_bytes(data)
+        draft.replace(folder / name)
 
 
-def _replace(path: Path, content: bytes) -> None:
-    """Write beside the file, then rename over it."""
-    draft = path.with_name(f".{path.name}.part")
-    draft.write_bytes(content)
-    draft.replace(path)
+def _archive(arrays: dict[str, Any]) -> bytes:
+    archive = io.BytesIO()
+    np.savez_compressed(archive, **arrays)
+    return archive.getvalue()
+
+
+def _json(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, allow_nan=False).encode()

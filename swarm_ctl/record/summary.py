@@ -275,6 +275,7 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, RenderableType]]:
         ("overlap", _overlap(summary)),
         ("flown", _flown(summary)),
         ("messages", _messages(summary)),
+        ("pace", _pace(summary)),
         ("time", _time(summary)),
     ]
     is_real = summary["mode"] == "fly"
@@ -372,15 +373,22 @@ def _messages(summary: Mapping[str, Any]) -> Text:
     jitter = summary["setpoint_jitter_p99_ms"]
     if jitter is not None:
         text.append(f"; setpoints {jitter:.1f} ms off their beat at most, 99 times of 100")
-    if late := summary["setpoint_late_fraction"]:
-        text.append(f", {late:.2%} late")
-    if late := summary["mock_late_fraction"]:
-        text.append(f"; {late:.2%} of the mock's steps late")
-    if unsent := summary["datagrams_unsent"]:
-        text.append(f"; {unsent:,} datagrams did not leave", style="dim")
-    if dropped := summary["mock_dropped"]:
-        text.append(f"; the mock's full queues dropped {dropped:,}", style="yellow")
     return text
+
+
+def _pace(summary: Mapping[str, Any]) -> Text | None:
+    """Say what came late or not at all because the machine was too slow."""
+    parts = [
+        words.format(summary[key])
+        for key, words in (
+            ("setpoint_late_fraction", "{:.2%} of the setpoints late"),
+            ("mock_late_fraction", "{:.2%} of the mock's steps late"),
+            ("datagrams_unsent", "{:,} datagrams did not leave"),
+            ("mock_dropped", "the mock dropped {:,} frames"),
+        )
+        if summary[key]
+    ]
+    return Text("; ".join(parts)) if parts else None
 
 
 def _time(summary: Mapping[str, Any]) -> Text:

@@ -89,7 +89,13 @@ class Fleet:
             aside = [*aside, mesh.run()]
         async with asyncio.TaskGroup() as group:
             publisher = self._publisher()
-            works = (self._report(progress), self._sync(), _set_aside(), *aside, *self._bus(publisher))
+            works = (
+                self._report(progress),
+                self._sync(),
+                _set_aside(),
+                *aside,
+                *self._bus(publisher),
+            )
             tasks = [group.create_task(work) for work in works]
             await self._fly_all(links)
             self.notes += [] if publisher is None else await publisher.finish()

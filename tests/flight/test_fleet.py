@@ -10,9 +10,11 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
+from mock_vehicle.autopilot.link import OUTBOX_FRAMES
 from mock_vehicle.errors import WorldError
 from mock_vehicle.faults import Fault, parse_fault
 from mock_vehicle.fleet import STEP_S, Fleet
+from mock_vehicle.referee import write_files
 from mock_vehicle.trouble import FleetKilled
 from mock_vehicle.world import load_world
 from swarm_ctl import wire
@@ -131,6 +133,37 @@ def test_a_fleet_at_full_rates_does_not_speak_all_at_once(tmp_path: Path) -> Non
     datagrams = [len(fleet.step(fleet.step_s * step)) for step in range(1, 501)]
     assert sum(datagrams) > 25 * 200 * 500 * fleet.step_s
     assert max(datagrams[200:]) < 150  # the receive buffer of a client takes about 250
+
+
+def test_vehicles_that_take_turns_say_as_much_and_never_speak_in_one_step(launch: Launch) -> None:
+    places = [(4.0 * index + 2.0, 5.0) for index in range(6)]
+    together, in_turn = launch(*places), launch(*places)
+    in_turn.fleet.takes_turns = True
+    together.fly(5.0)
+    in_turn.fly(5.0)
+    for index in range(6):
+        kinds = [Counter(f.id for f in flight.heard[index]) for flight in (together, in_turn)]
+        assert kinds[0].keys() == kinds[1].keys()
+        assert all(abs(kinds[0][kind] - kinds[1][kind]) <= 6 for kind in kinds[0])
+    steps = [[i for i, _ in in_turn.fleet.step(5.0 + STEP_S * k)] for k in range(1, 11)]
+    assert max(map(len, steps)) == 2
+    assert Counter(index for step in steps for index in step) == dict.fromkeys(range(6), 2)
+
+
+def test_frames_that_full_queues_drop_are_counted(
+    launch: Launch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mock_vehicle.lossy.HELD_MAX", 3)
+    flight = launch((5, 5), faults=[parse_fault("link-freeze:1@3,direction=downlink")])
+    flight.fly(2.9)
+    assert flight.fleet.dropped == 0
+    flight.fly(1.0)
+    held_back = flight.fleet.dropped
+    assert held_back > 50
+    link = flight.fleet.vehicles[0].autopilot.links[0]
+    for _ in range(OUTBOX_FRAMES + 5):
+        link.queue(b"")
+    assert flight.fleet.dropped == held_back + 5
 
 
 def test_same_seed_same_bytes(launch: Launch) -> None:
@@ -291,7 +324,8 @@ def test_the_truth_is_written(launch: Launch, tmp_path: Path) -> None:
     flight.velocity = [(0.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
     flight.fly(6.0)
     folder = tmp_path / "run" / "truth"
-    flight.fleet.write(folder, so_far=True)
+    write_files(folder, flight.fleet.files(so_far=True, pace={"behind_s": 0.25}))
+    assert json.loads((folder / "truth.json").read_text())["behind_s"] == 0.25
     assert json.loads((folder / "truth.json").read_text())["vehicles_per_cell"] is None
     flight.fleet.write(folder)
     assert json.loads((folder / "truth.json").read_text())["vehicles_per_cell"] >= 1.0

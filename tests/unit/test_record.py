@@ -338,6 +338,8 @@ def office_truth(run: Path, *, seed: int = 1, vehicles: int = 10, is_volume: boo
         "energy_kwh": 0.0412,
         "sight_radius_m": 0.9,
         "setpoint_jitter_p99_ms": 1.7,
+        "mock_late_fraction": 0.015,
+        "mock_dropped": 7,
     }
     (folder / "truth.json").write_text(json.dumps(numbers))
     polygons = [{"points_ne_m": points, "bottom_m": 0.0, "top_m": 3.0} for points in walls]
@@ -347,7 +349,9 @@ def office_truth(run: Path, *, seed: int = 1, vehicles: int = 10, is_volume: boo
 
 
 FLOWN = [
-    VehicleResult(1, "done", "", 600, 9000, 2, [1], 5.0, 65.0),
+    VehicleResult(
+        1, "done", "", 600, 9000, 2, [1], 5.0, 65.0, ticks_due=800, ticks_late=4, unsent=1
+    ),
     VehicleResult(2, "done", "", 600, 9000, 0, [], 6.0, 66.0),
     VehicleResult(
         3, "failed", "vehicle 3: nothing heard from its autopilot since 61.2 s", 500, 1, 1
@@ -381,6 +385,8 @@ def test_a_summary_joins_the_controllers_with_the_truth(tmp_path: Path) -> None:
     assert summary["planner"] == "lf-pso"
     assert (summary["victims_found"], summary["victims_total"], summary["collisions"]) == (2, 3, 0)
     assert (summary["messages_sent"], summary["messages_lost"]) == (1700, 3)
+    assert (summary["setpoint_late_fraction"], summary["datagrams_unsent"]) == (0.005, 1)
+    assert (summary["mock_late_fraction"], summary["mock_dropped"]) == (0.015, 7)
     assert (summary["duration_s"], summary["wall_s"], summary["exploration_s"]) == (
         90.0,
         22.5,
@@ -466,7 +472,7 @@ def test_a_summary_is_plain_json(tmp_path: Path) -> None:
 
 def test_the_report_speaks_plain_words(tmp_path: Path) -> None:
     office_truth(tmp_path)
-    text = printed(report_lines(summed(tmp_path), tmp_path))
+    text = printed(report_lines(summed(tmp_path), tmp_path), width=160)
     for words in (
         "✔ search flown  3 vehicles, px4, planner lf-pso, seed 7",
         "explored",
@@ -475,6 +481,8 @@ def test_the_report_speaks_plain_words(tmp_path: Path) -> None:
         "contacts  none; two vehicles never closer than 0.94 m",
         "flown  820 m in all, 0.0412 kWh",
         "1,700 sent, 3 lost",
+        "pace  0.50% of the setpoints late; 1.50% of the mock's steps late; ",
+        "1 datagrams did not leave; the mock dropped 7 frames",
         "90 s of mission in 22 s (4.0 times real time)",
         "• vehicle 3: nothing heard from its autopilot since 61.2 s",
     ):

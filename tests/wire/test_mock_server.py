@@ -191,6 +191,7 @@ def test_a_clock_that_is_too_fast_falls_behind_and_says_so(world: Path, start: S
     _, lines, complaints = mock.wait()
     assert lines[-1]["done"]["time_s"] == pytest.approx(60.0)
     assert lines[-1]["done"]["behind_s"] > 1.0
+    assert lines[-1]["done"]["mock_late_fraction"] > 0.5
     assert complaints.startswith("mock-vehicle: falling behind real time by ")
 
 

@@ -31,7 +31,8 @@ SUMMARY_KEYS = {
     *("mission", "world", "seed", "planner", "autopilot", "vehicles", "mode", "duration_s"),
     *("wall_s", "coverage_fraction", "victims_found", "victims_total", "collisions"),
     *("min_separation_m", "path_length_m", "energy_kwh", "setpoint_jitter_p99_ms"),
-    *("messages_sent", "messages_lost", "run_sha256"),
+    *("messages_sent", "messages_lost", "run_sha256", "setpoint_late_fraction"),
+    *("mock_late_fraction", "mock_dropped", "datagrams_unsent"),
 }
 PICTURES = {"coverage.png", "coverage_map.png", "paths.png", "contacts.png"}
 

@@ -1,0 +1,41 @@
+"""Writes the truth into a folder while the fleet flies, what takes long beside the flight."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from pathlib import Path
+
+from mock_vehicle.fleet import Fleet
+from mock_vehicle.referee import write_files
+from mock_vehicle.server import Server
+
+EVERY = 5
+"""Looks, one a second, between two writings."""
+
+
+class Keeper:
+    """The folder of a served fleet, written every few seconds in case the end never comes."""
+
+    def __init__(self, fleet: Fleet, server: Server, folder: Path) -> None:
+        """Write what stays as it is; who waits for `ready` finds it."""
+        self._fleet, self._server, self._folder = fleet, server, folder
+        self._looks = itertools.count(1)
+        self._writing: asyncio.Future[None] | None = None
+        fleet.referee.write_world(folder)
+
+    def look(self) -> None:
+        """Write the truth so far when its time has come; OSError if the last time failed."""
+        if next(self._looks) % EVERY or (self._writing and not self._writing.done()):
+            return
+        if self._writing:
+            self._writing.result()
+        files = self._fleet.files(so_far=True, pace=self._server.pace())
+        loop = asyncio.get_running_loop()
+        self._writing = loop.run_in_executor(None, write_files, self._folder, files)
+
+    async def close(self) -> None:
+        """Write the whole truth."""
+        if self._writing:
+            await self._writing
+        write_files(self._folder, self._fleet.files(pace=self._server.pace()))
