@@ -18,6 +18,7 @@ import typer
 
 from mock_vehicle import options
 from mock_vehicle.autopilot.parameters import read_values
+from mock_vehicle.border import Border
 from mock_vehicle.display import show_human, show_json
 from mock_vehicle.errors import MockVehicleError
 from mock_vehicle.faults import parse_fault
@@ -26,6 +27,7 @@ from mock_vehicle.keeper import Keeper
 from mock_vehicle.options import SYSID_MAX, Autopilot, Boot, Telemetry
 from mock_vehicle.ports import LOCALHOST, plan_further_ports, plan_ports, plan_shown_ports
 from mock_vehicle.server import Port, Server
+from mock_vehicle.shards import Address, Part, choose, parse_addresses, whole
 from mock_vehicle.vehicle import PERSONALITIES, personalities
 from mock_vehicle.world import load_world, read_faults
 from mock_vehicle.world.field import open_field
@@ -47,10 +49,12 @@ def run(
     param: options.ParameterFiles = None,
     speed: options.Speed = 1.0,
     duration: options.Duration = None,
-    host: options.Host = LOCALHOST,
+    host: options.Host = None,
     port: options.FirstPort = None,
     ports: options.Ports = None,
     remote: options.Remote = None,
+    shards: options.Shards = None,
+    shard: options.Shard = None,
     signing_key: options.SigningKey = None,
     seed: options.Seed = 1,
     fault: options.FaultList = None,
@@ -62,15 +66,19 @@ def run(
 ) -> None:
     """Fly mock MAVLink vehicles until stopped."""
     logging.basicConfig(format="mock-vehicle: %(message)s", stream=sys.stderr)
-    kinds = personalities(autopilot.value, vehicles)
     try:
         key = find_key(signing_key, os.environ)
-        check_sysids(sysid, vehicles)
+        addresses = parse_addresses(shards) if shards is not None else []
+        part = take_part(vehicles, addresses, shard)
+        flown = whole(vehicles) if part is None else part
+        check_sysids(sysid, len(flown.members))
+        kinds = personalities(autopilot.value, vehicles)[flown.own.start : flown.own.stop]
+        host = host or (addresses[flown.shard - 1][0] if addresses else LOCALHOST)
         listening = plan_ports(kinds, host=host, base=port, listed=ports, remote=remote)
         if rates is Telemetry.FULL:
             listening += plan_further_ports(kinds, host=host, usual=port is None and ports is None)
         if rates is Telemetry.SHOWN:
-            listening += plan_shown_ports(vehicles, host=host)
+            listening += plan_shown_ports(len(kinds), host=host)
         fleet = Fleet(
             open_field() if world is None else load_world(world),
             kinds,
@@ -80,6 +88,7 @@ def run(
             rates=rates.value,
             parameters=read_parameters(param or (), kinds),
             faults=[*(read_faults(faults) if faults else ()), *map(parse_fault, fault or ())],
+            part=part,
         )
         if key is not None:
             fleet.sign_with(key, timestamp_of(datetime.now(UTC)))
@@ -87,7 +96,10 @@ def run(
         _give_up(error)
     show = show_json if as_json else show_human
     try:
-        asyncio.run(_serve(fleet, listening, show, speed=speed, duration_s=duration, out=out))
+        server = _serve(
+            fleet, listening, addresses, show, speed=speed, duration_s=duration, out=out
+        )
+        asyncio.run(server)
     except (MockVehicleError, OSError) as error:  # a port that is taken, a folder that is not ours
         _give_up(error)
 
@@ -109,13 +121,28 @@ def read_parameters(paths: Sequence[Path], kinds: Sequence[str]) -> dict[str, fl
 def check_sysids(first: int, vehicles: int) -> None:
     """Raise ValueError for a fleet whose last sysid is none."""
     last = first + vehicles - 1
+    if vehicles > SYSID_MAX:
+        raise ValueError(
+            f"--vehicles {vehicles}: a MAVLink network has {SYSID_MAX} sysids; more vehicles fly "
+            "in groups, each a network of its own, by --shards (docs/scaling.md)"
+        )
     if last > SYSID_MAX:
         raise ValueError(f"--sysid {first}: sysids would end at {last}, not {SYSID_MAX}")
+
+
+def take_part(vehicles: int, addresses: Sequence[Address], shard: int | None) -> Part | None:
+    """Give what one of the shards at these addresses flies; None where there are no shards."""
+    if addresses:
+        return choose(vehicles, addresses, shard)
+    if shard is not None:
+        raise ValueError(f"--shard {shard}: of which? --shards names their addresses")
+    return None
 
 
 async def _serve(
     fleet: Fleet,
     ports: list[Port],
+    shards: Sequence[Address],
     show: Show,
     *,
     speed: float,
@@ -123,7 +150,8 @@ async def _serve(
     out: Path | None,
 ) -> None:
     """Fly; write the truth at the end, and every few seconds in case the end never comes."""
-    server = Server(fleet, ports, speed=speed)
+    border = Border(fleet, shards) if shards else None
+    server = Server(fleet, ports, speed=speed, border=border)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, server.stop)

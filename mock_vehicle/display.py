@@ -34,6 +34,7 @@ def show_json(fleet: Fleet, server: Server) -> Iterator[Callable[[], None]]:
             **fleet.referee.snapshot(),
             **server.pace(),
             "refused": fleet.refused,
+            **({} if server.border is None else {"border": server.border.report()}),
         }
 
     write({"ready": server.ready()})

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mock_vehicle.autopilot.parameters import share_out
 from mock_vehicle.autopilot.traits import Rates
 from mock_vehicle.dynamics import OFF, Dynamics
+from mock_vehicle.errors import WorldError
 from mock_vehicle.faults import Fault, check
 from mock_vehicle.geodesy import Origin
 from mock_vehicle.lossy import LossyLinks, Place
@@ -24,6 +25,8 @@ from mock_vehicle.sensors.infrared import Infrared
 from mock_vehicle.sensors.odometry import Odometry
 from mock_vehicle.sensors.rangefinder import BODY_RADIUS_M, RANGE_MIN_M, Rangefinders
 from mock_vehicle.sensors.readings import Readings
+from mock_vehicle.shards import Part, whole
+from mock_vehicle.shards.abroad import NO_STRANGERS, Abroad, tag_of
 from mock_vehicle.trouble import Troubles
 from mock_vehicle.vehicle import LIMITS, PERSONALITIES, Personality, Vehicle, packed, refresh_all
 from mock_vehicle.wind import Wind
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from mock_vehicle.world import World
 
 FLOATS = NDArray[np.float64]
+BOOLS = NDArray[np.bool_]
 INDICES = NDArray[np.intp]
 
 STEP_S = 0.02
@@ -41,11 +45,41 @@ FULL_STEP_S = 0.01
 """Step at full rates: ATTITUDE of PX4 comes at 100 Hz."""
 REACH_S = 0.15
 """Whoever cannot touch anything within this time at twice its speed is not checked each step."""
+MEETING_M = 5.0
+"""How far beyond sight vehicles of other shards may be and still be met before the next tick."""
 TOP = -0.7
 """The downward part of the normal of what can be stood on."""
+WIND = 3
+"""Place of the wind among `streams`."""
 NO_GAPS_M, NOBODY = np.empty(0), np.empty(0, dtype=bool)
 PROBES_M = 0.01 * np.eye(3)
 """Steps of the finite differences that tell where a wall pushes."""
+
+
+def streams(seed: int, shard: int = 1) -> list[np.random.Generator]:
+    """Seed the chances of ranges, radio, odometry, wind and satellites.
+
+    Shards draw each from its own part of the same streams, but for the wind, which is one; what
+    streams spawn is the same in all, as the biases and the shadowing of the radio.
+    """
+    bits = [np.random.PCG64(each) for each in np.random.SeedSequence(seed).spawn(5)]
+    for number, each in enumerate(bits):
+        if number != WIND:
+            each.advance(shard - 1 << 96)
+    return [np.random.Generator(each) for each in bits]
+
+
+def apart(a_m: FLOATS, b_m: FLOATS) -> FLOATS:
+    """Measure how far (k, 3) points are from (n, 3) points, (n, k), m."""
+    gap = b_m[None, :, :] - a_m[:, None, :]
+    distances: FLOATS = np.sqrt(np.einsum("ijk,ijk->ij", gap, gap))
+    return distances
+
+
+def speeds(velocity_ned_m_s: FLOATS) -> FLOATS:
+    """Give the lengths of (n, 3) velocities, m/s."""
+    lengths: FLOATS = np.sqrt(np.einsum("ij,ij->i", velocity_ned_m_s, velocity_ned_m_s))
+    return lengths
 
 
 class Fleet:
@@ -62,21 +96,28 @@ class Fleet:
         rates: Rates = "lean",
         faults: Sequence[Fault] = (),
         parameters: Mapping[str, float] | None = None,
+        part: Part | None = None,
     ) -> None:
         """Put the vehicles on their starts.
 
         They are ready to arm `boot_s` s after the start, or as late as the real ones (None).
         `parameters` replace defaults; each vehicle takes those that its autopilot has, but for the
         sysid, which the fleet gives. `rates` "full" sends telemetry as often as the real ones, one
-        frame per datagram; "shown" adds links for a ground station and a viewer to "lean".
+        frame per datagram; "shown" adds links for a ground station and a viewer to "lean". A
+        `part` of a mission flies its own vehicles; `first_sysid` is that of its group.
         """
         self.world = world
         self.personalities = list(personalities)
         self.n = len(self.personalities)
-        self.sysids = list(range(first_sysid, first_sysid + self.n))
+        self.part = part or whole(self.n)
+        members, own = self.part.members, self.part.own
+        sysids = range(first_sysid, first_sysid + len(members))
+        self._first = own.start - members.start
+        self.sysids = list(sysids[self._first : self._first + self.n])
+        self.abroad = None if part is None else Abroad(part, tag_of(world, part, seed), first_sysid)
         check(faults, self.sysids)
         ours = [f for f in world.spec.faults if f.vehicle in {None, *self.sysids}]
-        rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
+        rngs = streams(seed, self.part.shard)
         self.step_s = FULL_STEP_S if rates == "full" else STEP_S
         """Mission time of one `step`."""
         self._steps_per_sample = round(TICK_S / self.step_s)
@@ -86,14 +127,19 @@ class Fleet:
         """Whether the vehicles speak in turn, in the steps between two looks of the sensors, rather
         than all at once: neither who serves them nor their clients are busy for long then."""
         self._build(world, personalities, seed, boot_s, rates, parameters or {})
-        self._equip(world, rngs)
-        self.links = LossyLinks(seed)
+        self._equip(world, sysids, rngs)
+        self.links = LossyLinks(seed + (self.part.shard - 1 << 64))
         """What lies between autopilots and their peers."""
         self._troubles = Troubles(self, [*ours, *faults])
         self._now = 0.0
         self._steps = 0
+        if self.abroad is not None:
+            self._cross(world, self.abroad)
         self._near_walls: INDICES = np.arange(self.n)
         self._others = ~np.eye(self.n, dtype=bool)
+        self._counted = np.ones(self.n, dtype=bool)
+        self._strangers = NO_STRANGERS
+        self._sight_m = world.spec.sensors.range_max_m + MEETING_M
         self._above_diagonal = np.triu(np.ones((self.n, self.n), dtype=bool), 1)
         first, second = self._above_diagonal.nonzero()
         self._near_pairs: tuple[INDICES, INDICES] = (first, second)
@@ -108,7 +154,9 @@ class Fleet:
         parameters: Mapping[str, float],
     ) -> None:
         own = share_out(parameters, [PERSONALITIES[kind].dialect for kind in personalities])
-        self.starts_ned_m, yaw_rad = world.starts(self.n, seed)
+        part = self.part
+        places = world.starts(part.vehicles, seed)
+        self.starts_ned_m, yaw_rad = (rows[part.own.start : part.own.stop] for rows in places)
         limits = [LIMITS[personality] for personality in personalities]
         self.dynamics = Dynamics(self.n, self.starts_ned_m, yaw_rad, limits)
         self.readings = Readings.blank(self.n)
@@ -128,7 +176,7 @@ class Fleet:
                 boot_s=boot_s,
                 rates=rates,
                 origin=Origin(gnss.latitude_deg, gnss.longitude_deg, gnss.amsl_m),
-                uid=seed << 8 | sysid,
+                uid=(seed ^ part.group - 1 << 55) << 8 | sysid,
                 parameters=own[index],
             )
             for index, (sysid, personality) in enumerate(
@@ -136,18 +184,28 @@ class Fleet:
             )
         ]
 
-    def _equip(self, world: World, rngs: list[np.random.Generator]) -> None:
+    def _equip(self, world: World, sysids: Sequence[int], rngs: list[np.random.Generator]) -> None:
         spec, sensors = world.spec, world.spec.sensors
         self.rangefinders = Rangefinders(
             range_max_m=sensors.range_max_m, noise_m=sensors.range_noise_m, rng=rngs[0]
         )
         self._infrared = Infrared(world)
         self.batteries = Batteries(self.n)
-        self.radio = Radio(self.sysids, spec.radio, rngs[1], world.walls_between)
+        own = slice(self._first, self._first + self.n)
+        self.radio = Radio(sysids, spec.radio, rngs[1], world.walls_between, own)
         self.odometry = Odometry(self.starts_ned_m, sensors.odometry_drift_fraction, rngs[2])
         self.wind = Wind(spec.wind, self.n, rngs[3])
         self.gnss = Gnss(self.n, Reception[spec.gnss.reception.upper()], rngs[4])
         self.referee = Referee(world, self.vehicles, self.batteries, self.starts_ned_m)
+
+    def _cross(self, world: World, abroad: Abroad) -> None:
+        """Let other shards know of the vehicles before they move."""
+        if world.spec.radio.channel is not None:
+            reason = "slots of a frequency cannot be shared by shards, which are milliseconds apart"
+            raise WorldError(world.path, "radio.channel", reason)
+        body, everybody = self.dynamics, np.ones(self.n, dtype=bool)
+        loss = self.radio.extra_loss[self.radio.own]
+        abroad.note(body.position_ned_m, body.velocity_ned_m_s, everybody, body.on_ground, loss)
 
     def compile(self) -> None:
         """Compile the hot loops where numba is installed: worth it for more than one flight."""
@@ -200,6 +258,15 @@ class Fleet:
         if self.vehicles[index].hears:
             for frame in self.vehicles[index].receive(data, now, link):
                 self.radio.send(index, frame, now)
+                if self.abroad is not None:
+                    self.abroad.outgoing.append((self.part.own[index], frame))
+
+    def learn(self, data: bytes, shard: int, vehicles: range, now: float) -> bool:
+        """Take what another shard, which flies these vehicles, told; tell whether it made sense."""
+        heard = None if self.abroad is None else self.abroad.learn(data, shard, vehicles)
+        for vehicle, frame in heard or ():
+            self.radio.overhear(vehicle - self.part.members.start, frame, now)
+        return heard is not None
 
     def answers(self, index: int, link: int = 0) -> list[bytes]:
         """Take the datagrams that are ready to leave over a link, without waiting for a tick."""
@@ -246,16 +313,44 @@ class Fleet:
         """Let all sensors measure and the referee look."""
         self._troubles.obey(now)
         position = self.dynamics.position_ned_m
-        gap = position[None, :, :] - position[:, None, :]
-        distances = np.sqrt(np.einsum("ijk,ijk->ij", gap, gap))
+        bodies, distances = self._look_around(position, now)
         alive = np.array([vehicle.alive for vehicle in self.vehicles])
         airborne = ~self.dynamics.on_ground & alive
         sightings = self._infrared.see(position, airborne)
-        self._read(distances, alive, sightings, now)
+        group = self._hear_around(distances, alive, now)
+        self._read(bodies, distances, group, sightings, now)
         self._drain(alive)
-        self.referee.sample(now, position, airborne, distances, sightings, self.radio.linked)
+        own, linked = self.radio.own, self.radio.linked
+        among = distances[:, : self.n]
+        self.referee.sample(now, position, airborne, among, sightings, linked[own, own])
+        if self.abroad is not None:
+            self.referee.separate(distances[airborne, self.n :][:, ~self._strangers.grounded])
         self.wind.blow(TICK_S)
         self._find_near(distances)
+
+    def _look_around(self, position: FLOATS, now: float) -> tuple[FLOATS, FLOATS]:
+        """Give all bodies that may be near, the own first, and how far they are from the own."""
+        bodies = position
+        if self.abroad is not None:
+            self._strangers = self.abroad.choose(position, self._sight_m, now)
+            bodies = np.concatenate((position, self._strangers.position_ned_m))
+        return bodies, apart(position, bodies)
+
+    def _hear_around(self, distances: FLOATS, alive: BOOLS, now: float) -> FLOATS:
+        """Let the radio find who hears whom; give where all of the group are, (g, 3).
+
+        Other shards are told where the own vehicles are.
+        """
+        body, radio = self.dynamics, self.radio
+        position = body.position_ned_m
+        if self.abroad is None:
+            radio.update(distances, alive, position, now)
+            return position
+        on_air, loss = alive & radio.on_air, radio.extra_loss[radio.own]
+        self.abroad.note(position, body.velocity_ned_m_s, on_air, body.on_ground, loss)
+        everybody, on_air, radio.extra_loss[:] = self.abroad.group(position, alive, loss, now)
+        radio.update(apart(everybody, everybody), on_air, everybody, now)
+        return everybody
 
     def _tick(
         self, speakers: Sequence[Vehicle], now: float, *, sensed: bool
@@ -273,8 +368,9 @@ class Fleet:
 
     def _read(
         self,
+        bodies: FLOATS,
         distances: FLOATS,
-        alive: NDArray[np.bool_],
+        group: FLOATS,
         sightings: tuple[INDICES, ...],
         now: float,
     ) -> None:
@@ -282,19 +378,18 @@ class Fleet:
         body, readings = self.dynamics, self.readings
         position, attitude = body.position_ned_m, (*body.lean_rad(), body.yaw_rad)
         close = distances < self.rangefinders.range_max_m + BODY_RADIUS_M
-        close &= self._others
+        close[:, : self.n] &= self._others
         seer, seen = close.nonzero()
-        ranges = self.rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen))
+        ranges = self.rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen), bodies)
         readings.ranges_m[:], readings.ring_m[:] = ranges
         readings.scans_cm = None
-        self.radio.update(distances, alive, position, now)
-        readings.peers[:] = self.radio.fixes(position, attitude, now)
+        readings.peers[:] = self.radio.fixes(group, attitude, now)
         readings.victims[:] = self._infrared.fixes(sightings, position, attitude)
         readings.drift_ned_m[:] = self.odometry.move(position, TICK_S)
         readings.gnss_error_ned_m[:] = self.gnss.measure(TICK_S)
         readings.gnss_reception[:] = self.gnss.reception
 
-    def _drain(self, alive: NDArray[np.bool_]) -> None:
+    def _drain(self, alive: BOOLS) -> None:
         """Empty the batteries by one tick; who has nothing left falls silent and drops."""
         spinning = self.dynamics.control != OFF
         airborne = ~self.dynamics.on_ground
@@ -314,11 +409,15 @@ class Fleet:
     def _find_near(self, distances: FLOATS) -> None:
         """Note who could touch something before the next tick; only they are checked each step."""
         velocity = self.dynamics.velocity_ned_m_s
-        reach = REACH_S * np.sqrt(np.einsum("ij,ij->i", velocity, velocity)) + PARTED_M + 0.01
+        reach = REACH_S * speeds(velocity) + PARTED_M + 0.01
         clearance = self.world.clearance(self.dynamics.position_ned_m)
         (self._near_walls,) = (clearance < BODY_RADIUS_M + reach).nonzero()
-        meet = distances < 2.0 * BODY_RADIUS_M + reach[:, None] + reach
-        meet &= self._above_diagonal
+        meeting = reach
+        if self.abroad is not None:
+            theirs = REACH_S * speeds(self._strangers.velocity_ned_m_s)
+            meeting = np.concatenate((reach, theirs))
+        meet = distances < 2.0 * BODY_RADIUS_M + reach[:, None] + meeting
+        meet[:, : self.n] &= self._above_diagonal
         first, second = meet.nonzero()
         self._near_pairs = first, second
 
@@ -352,16 +451,28 @@ class Fleet:
         if not len(first):
             self.referee.observe_pairs([], NO_GAPS_M, NOBODY)
             return
-        position, grounded = self.dynamics.position_ned_m, self.dynamics.on_ground
+        position, grounded, here = self._bodies()
         gap = position[second] - position[first]
         distance = np.sqrt(np.einsum("ij,ij->i", gap, gap))
         counts = ~(grounded[first] & grounded[second])
         pairs = list(zip(first.tolist(), second.tolist(), strict=True))
-        self.referee.observe_pairs(pairs, distance, counts)
+        self.referee.observe_pairs(pairs, distance, counts & here[second])
         for pair in np.nonzero((distance < 2.0 * BODY_RADIUS_M) & counts)[0].tolist():
             away = gap[pair : pair + 1] / max(distance[pair], 1e-9)
             depth = 2.0 * BODY_RADIUS_M - distance[pair]
             for index, direction in ((first[pair], -away), (second[pair], away)):
-                if not grounded[index]:
-                    position[index] += 0.5 * depth * direction[0]
+                if index < self.n and not grounded[index]:
+                    self.dynamics.position_ned_m[index] += 0.5 * depth * direction[0]
                     self.dynamics.stop_along(np.array([index]), direction)
+
+    def _bodies(self) -> tuple[FLOATS, BOOLS, BOOLS]:
+        """Give where all are now, who is on the ground, and whose contacts are counted here."""
+        body = self.dynamics
+        if self.abroad is None:
+            return body.position_ned_m, body.on_ground, self._counted
+        strangers = self.abroad.strangers(self._now)
+        return (
+            np.concatenate((body.position_ned_m, strangers.position_ned_m)),
+            np.concatenate((body.on_ground, strangers.grounded)),
+            np.concatenate((self._counted, strangers.counts_here)),
+        )

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from mock_vehicle.faults import describe
+from mock_vehicle.shards import VEHICLES_MAX
 from swarm_ctl.signing import KEY_VARIABLE
 
 SYSID_MAX = 255
@@ -65,7 +66,10 @@ World = Annotated[
 ]
 
 Vehicles = Annotated[
-    int, typer.Option(help="How many.", min=1, max=SYSID_MAX, rich_help_panel=VEHICLES)
+    int,
+    typer.Option(
+        help="How many, in all shards.", min=1, max=VEHICLES_MAX, rich_help_panel=VEHICLES
+    ),
 ]
 Pretended = Annotated[
     Autopilot, typer.Option(help="What they pretend to be.", rich_help_panel=VEHICLES)
@@ -107,7 +111,27 @@ Duration = Annotated[
     typer.Option(help="Stop after so many mission seconds.", min=0.02, rich_help_panel=TIME),
 ]
 
-Host = Annotated[str, typer.Option(help="Address to listen on.", rich_help_panel=NETWORK)]
+Host = Annotated[
+    str | None,
+    typer.Option(
+        help="Address to listen on. (default: 127.0.0.1, or the shard's own)",
+        show_default=False,
+        rich_help_panel=NETWORK,
+    ),
+]
+Shards = Annotated[
+    str | None,
+    typer.Option(
+        help="Fly one mission in several processes, which hear one another at these addresses: "
+        "each flies its share of the vehicles.",
+        metavar="IP:PORT,IP:PORT...",
+        rich_help_panel=NETWORK,
+    ),
+]
+Shard = Annotated[
+    int | None,
+    typer.Option(help="Which of the shards this one is, from 1 on.", rich_help_panel=NETWORK),
+]
 FirstPort = Annotated[
     int | None,
     typer.Option(

@@ -8,7 +8,8 @@ import os
 import socket
 from collections.abc import Sequence
 
-from mock_vehicle.server import Address, Port
+from mock_vehicle.server import Port
+from mock_vehicle.shards import Address
 
 LOCALHOST = "127.0.0.1"
 PORT_MAX = 65535

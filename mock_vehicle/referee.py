@@ -144,7 +144,10 @@ class Referee:
         self.path_length_m += np.sqrt(np.einsum("ij,ij->i", step, step))
         self._position_ned_m = position_ned_m.copy()
         self._airborne = airborne
-        self._separate(distances_m)
+        flying = np.nonzero(airborne)[0]
+        among = distances_m[flying[:, None], flying]
+        among[np.arange(len(flying)), np.arange(len(flying))] = math.inf
+        self.separate(among)
         self._find(now, sightings)
         if self._ticks % COVER_EVERY == 0:
             self.coverage.cover(position_ned_m, airborne, now)
@@ -238,13 +241,9 @@ class Referee:
         """Write world.json, which stays as it is."""
         write_files(folder, {"world.json": self._world.outline()})
 
-    def _separate(self, distances_m: FLOATS) -> None:
-        flying = np.nonzero(self._airborne)[0]
-        if len(flying) < 2:
-            return
-        among = distances_m[flying[:, None], flying]
-        among[np.arange(len(flying)), np.arange(len(flying))] = math.inf
-        self.min_separation_m = min(self.min_separation_m, float(among.min()))
+    def separate(self, distances_m: FLOATS) -> None:
+        """Note how near any two come of whom both fly, by their distances in m."""
+        self.min_separation_m = min(self.min_separation_m, float(distances_m.min(initial=math.inf)))
 
     def _find(self, now: float, sightings: tuple[INDICES, ...]) -> None:
         for vehicle, victim in zip(*(column.tolist() for column in sightings), strict=True):

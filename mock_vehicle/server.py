@@ -14,16 +14,16 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from mock_vehicle.errors import MockVehicleError
+from mock_vehicle.border import Border, PortError
 from mock_vehicle.fleet import TICK_S, Fleet
-
-Address = tuple[str, int]
+from mock_vehicle.shards import Address
 
 LOG = logging.getLogger(__name__)
 
 DEBT_MAX_S = 0.5
 """Mission time caught up at most; what is owed beyond is dropped."""
 COMPLAIN_EVERY_S = 5.0
+GATHER_S = 0.05
 HEARD_S = 10.0
 """A sender that was heard within this time (wall clock) gets telemetry."""
 DRAIN = 64
@@ -31,15 +31,6 @@ DRAIN = 64
 DATAGRAM_BYTES = 2048
 RECEIVE_BUFFER_BYTES = 256 * 1024
 REPORT_EVERY_S = 1.0
-
-
-class PortError(MockVehicleError):
-    """A port that cannot be listened on."""
-
-    def __init__(self, bind: Address, reason: str) -> None:
-        self.bind = bind
-        self.reason = reason
-        super().__init__(f"cannot listen on {bind[0]}:{bind[1]}: {reason}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +100,16 @@ class _Endpoint:
 class Server:
     """Runs a fleet on its sockets until told to stop."""
 
-    def __init__(self, fleet: Fleet, ports: list[Port], *, speed: float = 1.0) -> None:
-        """Open a socket per port; ports stand in the order of `fleet.places`."""
+    def __init__(
+        self, fleet: Fleet, ports: list[Port], *, speed: float = 1.0, border: Border | None = None
+    ) -> None:
+        """Open a socket per port; ports stand in the order of `fleet.places`.
+
+        Over a `border` the fleet keeps pace with the other shards of its mission.
+        """
         self._fleet = fleet
         fleet.takes_turns = True
+        self.border = border
         self._speed = speed
         self.endpoints = [
             _open(port, *place) for port, place in zip(ports, fleet.places, strict=True)
@@ -141,6 +138,7 @@ class Server:
             "ports": self.ports,
             "sysids": fleet.sysids,
             "host": self.endpoints[0].bind[0],
+            "group": fleet.part.group,
             "world": fleet.world.name,
             "autopilots": fleet.personalities,
             "victims_total": len(fleet.world.victims),
@@ -176,6 +174,8 @@ class Server:
         try:
             async with asyncio.TaskGroup() as tasks:
                 reporter = tasks.create_task(_repeat(report), name="report")
+                if self.border is not None:
+                    await self._gather(self.border, loop)
                 await self._fly(loop, duration_s)
                 reporter.cancel()
         finally:
@@ -183,10 +183,12 @@ class Server:
 
     async def _fly(self, loop: asyncio.AbstractEventLoop, duration_s: float | None) -> None:
         """Step at absolute deadlines, a tick at most before the sockets have their turn."""
-        self._started_s = loop.time()
+        self._started_s = loop.time() - self.time_s / self._speed
         step_s = self._fleet.step_s
         steps_per_turn = round(TICK_S / step_s)
         while not self._stopped:
+            if self.border is not None:
+                self._keep_pace(self.border, loop.time())
             owed = self._due_s(loop.time()) - self.time_s
             if owed > DEBT_MAX_S + step_s:
                 self._started_s += (owed - DEBT_MAX_S) / self._speed
@@ -197,6 +199,23 @@ class Server:
                     return
             rest = (self.time_s + step_s - self._due_s(loop.time())) / self._speed
             await asyncio.sleep(max(rest, 0.0))
+
+    async def _gather(self, border: Border, loop: asyncio.AbstractEventLoop) -> None:
+        """Wait for all other shards; who comes late begins at their time."""
+        loop.add_reader(border.socket, lambda: border.drain(self.time_s, loop.time()))
+        while not self._stopped and (missing := border.missing()):
+            border.turn(self.time_s, loop.time())
+            self._complain(loop.time(), "waiting for %s", " and ".join(missing))
+            await asyncio.sleep(GATHER_S)
+        self._steps = round(border.latest_s / self._fleet.step_s)
+        self.time_s = self._steps * self._fleet.step_s
+
+    def _keep_pace(self, border: Border, wall_s: float) -> None:
+        """Tell the other shards how far we are, and wait for who is behind."""
+        border.turn(self.time_s, wall_s)
+        ahead_s = self._due_s(wall_s) - border.limit_s
+        if ahead_s > 0.0:
+            self._started_s += ahead_s / self._speed
 
     def _due_s(self, wall_s: float) -> float:
         """Tell the mission time that a wall clock stands for; steps come a little after it."""
@@ -217,9 +236,14 @@ class Server:
 
     def _fall_behind(self, dropped_s: float, wall_s: float) -> None:
         self.behind_s += dropped_s
-        if self.behind_s >= 0.1 and wall_s - self._complained_s >= COMPLAIN_EVERY_S:
+        if self.behind_s >= 0.1:
+            self._complain(wall_s, "falling behind real time by %.1f s so far", self.behind_s)
+
+    def _complain(self, wall_s: float, words: str, *values: object) -> None:
+        """Warn, now and then."""
+        if wall_s - self._complained_s >= COMPLAIN_EVERY_S:
             self._complained_s = wall_s
-            LOG.warning("falling behind real time by %.1f s so far", self.behind_s)
+            LOG.warning(words, *values)
 
     def _receive(self, endpoint: _Endpoint) -> None:
         """Hand over what has arrived, at the time of its arrival, and send what is answered."""
@@ -244,6 +268,9 @@ class Server:
     def _close(self, loop: asyncio.AbstractEventLoop) -> None:
         with contextlib.suppress(PermissionError, ValueError, AttributeError):
             loop.remove_reader(sys.stdin)
+        if self.border is not None:
+            loop.remove_reader(self.border.socket)
+            self.border.close()
         for endpoint in self.endpoints:
             loop.remove_reader(endpoint.socket)
             endpoint.socket.close()

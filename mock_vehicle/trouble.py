@@ -134,7 +134,7 @@ def _silence(stage: Stage, index: int, troubles: Sequence[Trouble], now: float) 
 
 def _weaken(stage: Stage, index: int, troubles: Sequence[Trouble], now: float) -> None:  # noqa: ARG001
     kept = math.prod(1.0 - t.fault["fraction"] for t in troubles)
-    stage.radio.extra_loss[index] = 1.0 - kept
+    stage.radio.weaken(index, 1.0 - kept)
 
 
 def _spoil_links(stage: Stage, index: int, troubles: Sequence[Trouble], now: float) -> None:

@@ -21,6 +21,7 @@ from mock_vehicle.world.radio import RadioSpec
 FLOATS = NDArray[np.float64]
 BOOLS = NDArray[np.bool_]
 INDICES = NDArray[np.intp]
+EVERYBODY = slice(None)
 HEARD, OUT_OF_RANGE = np.int8(Fate.HEARD), np.int8(Fate.RANGE)
 
 
@@ -41,15 +42,22 @@ class Radio:
         spec: RadioSpec,
         rng: np.random.Generator,
         walls: Walls = no_walls,
+        own: slice = EVERYBODY,
     ) -> None:
+        """Equip vehicles of these sysids, of whom `own` hear here, and the rest in other shards."""
         self._sysids = list(sysids)
         self._spec = spec
         self._rng = rng
         n = len(self._sysids)
+        self.own = own
+        self._first = own.start or 0
         self.extra_loss: FLOATS = np.zeros(n)
         """Share of frames that a vehicle's radio loses beside the usual, (n,)."""
         self.linked: BOOLS = np.zeros((n, n), dtype=bool)
-        """`linked[a, b]`: a and b hear each other, as of the last `update`."""
+        """`linked[a, b]`: b hears a, and a would hear b, as of the last `update`."""
+        self._is_elsewhere = np.ones(n, dtype=bool)
+        self._is_elsewhere[own] = False
+        self._has_elsewhere = bool(self._is_elsewhere.any())
         self.figures = Figures(self._sysids)
         """What became of all frames."""
         self._fate = np.full((n, n), Fate.OFF_AIR, dtype=np.int8)
@@ -94,22 +102,43 @@ class Radio:
         off_air = ~alive | self._silent
         if np.count_nonzero(off_air):
             fate[off_air, :] = fate[:, off_air] = Fate.OFF_AIR
+        if self._has_elsewhere:  # their own shards know better what they hear
+            fate[:, self._is_elsewhere] = Fate.OFF_AIR
         self._fate, self.linked = fate, fate == HEARD
 
     def fixes(
         self, position_ned_m: FLOATS, attitude_rad: tuple[FLOATS, FLOATS, FLOATS], now: float
     ) -> list[list[PeerFix]]:
-        """Measure every heard peer: range, and direction in the hearer's body FRD frame."""
+        """Measure every heard peer: range, and direction in the hearer's body FRD frame.
+
+        Positions are those of all, the attitude and what is measured those of the own vehicles.
+        """
         if self._ranging is None:
-            return [[] for _ in self._sysids]
-        hearer, peer = self.linked.nonzero()
+            return [[] for _ in self._sysids[self.own]]
+        if self._has_elsewhere:
+            roll, pitch, yaw = map(self._among_all, attitude_rad)
+            attitude_rad = roll, pitch, yaw
+        hearer, peer = self.linked.T.nonzero()
         if self._is_lossy:
             received = self._receives(hearer, peer)
             hearer, peer = hearer[received], peer[received]
-        return self._ranging.measure((hearer, peer), position_ned_m, attitude_rad, now)
+        fixes = self._ranging.measure((hearer, peer), position_ned_m, attitude_rad, now)
+        return fixes[self.own]
+
+    def _among_all(self, values: FLOATS) -> FLOATS:
+        """Give values of the own vehicles their places among all, which have 0."""
+        all_values = np.zeros(len(self._sysids))
+        all_values[self.own] = values
+        return all_values
+
+    @property
+    def on_air(self) -> BOOLS:
+        """Which own vehicles are not silenced."""
+        return ~self._silent[self.own]
 
     def send(self, index: int, frame: bytes, now: float) -> None:
-        """Put a broadcast frame on the air; it arrives after the delay, at the next `carry`."""
+        """Put a frame of an own vehicle on the air; it arrives after the delay, at a `carry`."""
+        index += self._first
         if self._channel is None:
             self._air.append(Transmission(now + self._spec.delay_s, index, frame, now))
         elif not self._channel.send(index, frame, now):
@@ -117,8 +146,16 @@ class Radio:
             fates[fates == Fate.HEARD] = Fate.QUEUE
             self.figures.meet(np.array([index]), fates)
 
+    def overhear(self, index: int, frame: bytes, sent_s: float) -> None:
+        """Put a frame on the air that one of all vehicles sent in another shard."""
+        self._air.append(Transmission(sent_s + self._spec.delay_s, index, frame, sent_s))
+
+    def weaken(self, index: int, fraction: float) -> None:
+        """Let the radio of an own vehicle lose this share of frames beside the usual."""
+        self.extra_loss[self._first + index] = fraction
+
     def carry(self, now: float) -> list[tuple[int, bytes]]:
-        """Take what arrives by `now`: (hearer index, frame), in the order of time and sender."""
+        """Take what arrives by `now`: (own index of hearer, frame), by time and sender."""
         if self._channel is not None:
             sent, delay_s = self._channel.run(now, self.linked), self._spec.delay_s
             self._air += [one._replace(due_s=one.due_s + delay_s) for one in sent]
@@ -129,7 +166,7 @@ class Radio:
         if not received.transmissions:
             return []
         self.figures.deliver(received, now)
-        return [(hearer, one.frame) for hearer, one in received.pairs()]
+        return [(hearer - self._first, one.frame) for hearer, one in received.pairs()]
 
     def _receive(self, now: float) -> Received:
         """Let the hearers of all that is due receive it, or not."""
@@ -162,7 +199,7 @@ class Radio:
         for parcel in parcels:
             if parcel.is_copy:
                 self.figures.repeat(parcel.transmission.sender, parcel.hearer)
-        return [(parcel.hearer, parcel.transmission.frame) for parcel in parcels]
+        return [(p.hearer - self._first, p.transmission.frame) for p in parcels]
 
     @property
     def _is_lossy(self) -> bool:

@@ -89,13 +89,15 @@ class Rangefinders:
         position_ned_m: FLOATS,
         yaw_rad: FLOATS,
         near: tuple[NDArray[np.intp], NDArray[np.intp]],
+        bodies_m: FLOATS | None = None,
     ) -> Ranges:
         """Read the ranges from the centres of all vehicles.
 
-        `near` are the (hearer, other) index pairs close enough to be seen as obstacles.
+        `near` are the (hearer, other) index pairs close enough to be seen as obstacles; others
+        beyond the vehicles are rows of `bodies_m`, of which the vehicles come first.
         """
         ring = Ring(position_ned_m, yaw_rad, RING)
-        upright = world.look(ring, self.range_max_m, near, BODY_RADIUS_M)
+        upright = world.look(ring, self.range_max_m, near, BODY_RADIUS_M, bodies_m)
         sensors = np.column_stack((fold(ring.ranges_m), upright))
         if self._noise_m > 0.0:
             sensors += self._rng.normal(0.0, self._noise_m, sensors.shape)

@@ -144,26 +144,33 @@ class World:
         ring.ranges_m[ring.ranges_m > max_range_m] = np.inf
 
     def look(
-        self, ring: Ring, max_range_m: float, bodies: tuple[Ints, Ints], radius_m: float
+        self,
+        ring: Ring,
+        max_range_m: float,
+        bodies: tuple[Ints, Ints],
+        radius_m: float,
+        bodies_m: Floats | None = None,
     ) -> Floats:
         """Stop level rays as `scan` does, and measure up and down as `plumb` does, (n, 2).
 
-        The others, of (seer, seen) indices, are spheres.
+        The others, of (seer, seen) indices, are spheres: other origins, or rows of `bodies_m`, of
+        which the origins come first.
         """
+        bodies_m = ring.origins_m if bodies_m is None else bodies_m
         loops, room = self._loops, self._room
         solids = None if loops is None else self._shapes.solids(ring.origins_m)
         if loops is None or solids is None:
             self.scan(ring, max_range_m)
             upright = self.plumb(ring.origins_m, max_range_m)
             if len(bodies[0]):
-                ring.meet_spheres(upright, *bodies, radius_m)
+                ring.meet_spheres(upright, *bodies, radius_m, bodies_m)
             return upright
         upright = np.empty((len(ring.origins_m), 2))
         reach = (max_range_m, max_range_m**2)
         rays = (ring.north, ring.east, ring.ranges_m, upright)
         loops.look(*reach, ring.origins_m, room.low_m, room.high_m, *solids, *rays)
         if len(bodies[0]):
-            loops.see_bodies(radius_m**2, ring.origins_m, *bodies, *rays)
+            loops.see_bodies(radius_m**2, ring.origins_m, bodies_m, *bodies, *rays)
         return upright
 
     def plumb(self, points_m: Floats, max_range_m: float) -> Floats:

@@ -141,6 +141,7 @@ def look(
 def see_bodies(
     radius_m2: float,
     origins: Any,
+    bodies: Any,
     seers: Any,
     seen: Any,
     north: Any,
@@ -151,8 +152,8 @@ def see_bodies(
     """Stop rays and beams of the seers at the spheres of the bodies that they see."""
     for pair in range(len(seers)):
         i, j = seers[pair], seen[pair]
-        to_north, to_east = origins[j, 0] - origins[i, 0], origins[j, 1] - origins[i, 1]
-        down = origins[j, 2] - origins[i, 2]
+        to_north, to_east = bodies[j, 0] - origins[i, 0], bodies[j, 1] - origins[i, 1]
+        down = bodies[j, 2] - origins[i, 2]
         square = radius_m2 - down * down
         if square > 0.0:
             _meet_disc(to_north, to_east, math.sqrt(square), north[i], east[i], ring[i])

@@ -74,10 +74,19 @@ class Ring:
         self._stop(ray, along - root, missed)
 
     def meet_spheres(
-        self, upright_m: Floats, owner: Indices, other: Indices, radius_m: float
+        self,
+        upright_m: Floats,
+        owner: Indices,
+        other: Indices,
+        radius_m: float,
+        bodies_m: Floats | None = None,
     ) -> None:
-        """Stop the rays of origins (q,), and their beams up and down (n, 2), at other origins."""
-        toward_m = self.origins_m[other] - self.origins_m[owner]
+        """Stop the rays of origins (q,), and their beams up and down (n, 2), at others.
+
+        Those are other origins, or rows of `bodies_m`, of which the origins come first.
+        """
+        bodies_m = self.origins_m if bodies_m is None else bodies_m
+        toward_m = bodies_m[other] - self.origins_m[owner]
         square = radius_m**2 - toward_m[:, 2] ** 2
         (beside,) = np.nonzero(square > 0.0)
         self.meet_discs(owner[beside], toward_m[beside, :2], np.sqrt(square[beside]))
