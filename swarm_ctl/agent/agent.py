@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from swarm_ctl import wire
 from swarm_ctl.agent.blind import LATE_S, NO_WALLS, sight
 from swarm_ctl.agent.duties import DUTIES, IS_HOME
@@ -39,7 +37,7 @@ from swarm_ctl.agent.watch import TIME_OVER, Vigil, missing, watch
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.command import Answer, Command, CommandQueue, command
 from swarm_ctl.autopilot.telemetry import SCAN_HZ, SUBSCRIBED, Telemetry
-from swarm_ctl.explore.explorer import Explorer, make_planner
+from swarm_ctl.explore.explorer import Explorer, ask_one, make_planner
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
 
@@ -131,7 +129,7 @@ class Agent:
         self.target_ned_m: Vec3 | None = None
         self.yaw_rad = 0.0
         self._guard = Guard(orders.limits, orders.flight, is_level=orders.planner.dimensions == 2)
-        self._planner = make_planner(
+        planner = make_planner(
             orders.planner,
             speed_m_s=orders.flight.speed_m_s,
             climb_m_s=orders.flight.climb_m_s,
@@ -139,9 +137,10 @@ class Agent:
             sysid=sysid,
             birth=birth,
         )
+        self._ask = ask_one(planner, orders.planner.dimensions)
         self._sharing = None
-        if isinstance(self._planner, Explorer):
-            self._sharing = Sharing(self._planner, orders.planner.dimensions)
+        if isinstance(planner, Explorer):
+            self._sharing = Sharing(planner, orders.planner.dimensions)
             self.telemetry.streams.want(SCAN_HZ)
         self._scanned_s = -math.inf
         self.talk = Talk(self, self._sharing)
@@ -305,14 +304,13 @@ class Agent:
         if self._sharing is not None:
             self._look_around(self._sharing, offsets)
         try:
-            plan = self._planner.step(
-                np.array([place[:dimensions]]),
-                np.array([self.telemetry.yaw_rad]),
-                np.array([self.telemetry.ranges_m]),
-                np.array([offset[:dimensions] for offset in ours]).reshape(1, -1, dimensions),
+            plan = self._ask(
+                list(place[:dimensions]),
+                self.telemetry.yaw_rad,
+                self.telemetry.ranges_m,
+                [offset[:dimensions] for offset in ours],
             )
-            velocity = _vec3(plan.velocity_m_s[0].tolist(), 0.0)
-            yaw_rad = float(plan.heading_rad[0])
+            velocity, yaw_rad = _vec3(plan.velocity_m_s, 0.0), plan.heading_rad
             if not all(map(math.isfinite, (*velocity, yaw_rad))):
                 raise ValueError(f"a plan that is no number: {velocity}, {yaw_rad}")  # noqa: TRY301
         except Exception as error:  # noqa: BLE001 - whatever breaks in a planner, hold
@@ -322,9 +320,9 @@ class Agent:
             return
         self.plan_s, self.has_plan_failed = self.now, False
         self.planned_ned_m_s, self.yaw_rad = velocity, yaw_rad
-        if plan.is_new[0]:
-            self.target_ned_m = _vec3(plan.target_m[0].tolist(), place.z)
-        match self.phase, bool(plan.avoiding[0]):
+        if plan.is_new:
+            self.target_ned_m = _vec3(plan.target_m, place.z)
+        match self.phase, plan.is_avoiding:
             case Phase.EXPLORING, True:
                 self.enter(Cause.OBSTACLE, "")
             case Phase.AVOIDING, False:

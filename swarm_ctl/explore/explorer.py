@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,25 +12,19 @@ import numpy as np
 from swarm_ctl.explore import kernels
 from swarm_ctl.explore.avoidance import Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
-from swarm_ctl.explore.frontier import NOBODY, Others, find_way, find_way_to
+from swarm_ctl.explore.company import Company
+from swarm_ctl.explore.frontier import NOBODY, find_way, find_way_to
+from swarm_ctl.explore.logbook import Logbook
 from swarm_ctl.explore.memory import VisitedMap, three
-from swarm_ctl.explore.pieces import LINE, START, WALL_X
-from swarm_ctl.explore.planner import SLOW, Plan, PlannerParams, Planning, plan_with
+from swarm_ctl.explore.pieces import LINE, WALL_X
+from swarm_ctl.explore.planner import SLOW, OnePlan, Plan, PlannerParams, Planning, plan_with
 from swarm_ctl.explore.pso import fly_one
 from swarm_ctl.explore.repulsion import repel
 from swarm_ctl.explore.swath import Swath
 from swarm_ctl.explore.trails import News, Trails
 
-DEVIATION_M = 0.1
-"""How far a trail may stray from the straight line between two points of its log."""
-SEGMENT_M = 3.0
-"""Longest straight line of a log: what is not in the log yet cannot be told."""
 JUMP_M = 3.0
 """A position farther than this from the last one is a new beginning, not a way flown."""
-CLAIM_S = 60.0
-"""The strip that a peer in contact is going to fly counts as seen for so long."""
-FRESH_S = 20.0
-"""A peer is taken to be where it was last seen for so long, when frontiers are shared out."""
 _ROW: Rows = np.zeros(1, dtype=np.intp)
 
 
@@ -78,16 +72,15 @@ class Explorer:
             dilation=params.wall_dilation_cells,
         )
         self.trails = Trails(sysid, d, birth)
+        self._logbook = Logbook(self.trails)
+        self.company = Company(params)
         self._avoidance = Avoidance(1, params.avoid_distance_m, d)
         window = math.ceil(params.stall_time_s / params.period_s - 1e-9)
         self._stall = StallWatch(1, window, params.stall_distance_m)
         self._swath = Swath(params)
         self._gap_cells = max(0, int(2.0 * params.clearance_m / params.cell_m + 1e-9) - 1)
-        self._peers: dict[int, list[float]] = {}
         self._now = 0.0
         self._place: list[float] = []
-        self._vertex: list[float] = []
-        self._since: list[list[float]] = []
         self._motion = [0.0, 0.0, 0.0]
         self._commanded_m = 0.0
         self._facing_rad = 0.0
@@ -144,11 +137,10 @@ class Explorer:
         place = [float(p) + float(o) for p, o in zip(own, offset_m, strict=True)]
         shift = tuple(p - float(q) for p, q in zip(place, peer_position_m, strict=True))
         self.trails.meet(sysid, self._now, shift)
-        seen = [self._now, *three(place), 0.0, 0.0, 0.0, 0.0]
+        target = None
         if target_m is not None:
             target = [float(t) + s for t, s in zip(target_m, shift, strict=True)]
-            seen[4:] = [*three(target), 1.0]
-        self._peers[sysid] = seen
+        self.company.meet(sysid, self._now, place, target)
 
     def summary(self) -> bytes:
         """Give the version vector for the next beacon: origins and lengths of their logs."""
@@ -161,8 +153,7 @@ class Explorer:
     def outbox(self, most_payloads: int) -> list[bytes]:
         """Give what peers in contact lack, in payloads for everybody in range."""
         payloads = self.trails.outbox(most_payloads, self._now)
-        if self._since and math.dist(self._vertex, self._since[-1]) > self.params.footprint_m:
-            self._append(LINE, self._since[-1])
+        self._logbook.write_out(self.params.footprint_m)
         return payloads
 
     def hear_chunk(self, sysid: int, data: bytes) -> None:
@@ -209,7 +200,8 @@ class Explorer:
         vertex = self.trails.last_m(self.trails.own)
         if head_m and vertex:
             self.memory.sweep(vertex, head_m)
-            self._place, self._vertex, self._since = head_m, vertex, [head_m]
+            self._place = head_m
+            self._logbook.resume(vertex, head_m)
 
     # -- the step ------------------------------------------------------------------------------
 
@@ -225,28 +217,43 @@ class Explorer:
         d = self._d
         if position_m.shape != (1, d) or ranges_m.shape != (1, 6) or peers_m.shape[::2] != (1, d):
             raise ValueError(f"expected arrays for one vehicle in {d}-D")
-        place = position_m[0].tolist()
-        is_stalled = self._account(place, float(heading_rad[0]))
+        step = self.step_one(
+            position_m[0].tolist(),
+            float(heading_rad[0]),
+            ranges_m[0].tolist(),
+            peers_m[0].tolist(),
+        )
+        return Plan(*(np.array([value]) for value in step))
+
+    def step_one(
+        self,
+        place_m: list[float],
+        heading_rad: float,
+        ranges_m: Sequence[float],
+        peers_m: Sequence[Sequence[float]],
+    ) -> OnePlan:
+        """Plan once per period from d numbers, a heading, 6 ranges and d numbers per peer."""
+        is_stalled = self._account(place_m, heading_rad)
         self._now += self.params.period_s
         has_turned = self._consult(heading_rad, ranges_m)
         suspended = self._is_avoiding and bool(self._avoidance.suspends[0])
         if is_stalled:
-            self._mark_stall(place)
-        if not suspended and (is_stalled or has_turned or self._is_due(place)):
-            self._decide(place)
-        self._fly(place, peers_m[0].tolist())
+            self._mark_stall(place_m)
+        if not suspended and (is_stalled or has_turned or self._is_due(place_m)):
+            self._decide(place_m)
+        self._fly(place_m, peers_m)
         if self._is_avoiding:
             self._avoid()
         if self._commanded_m > SLOW * self._level_m:
             self._facing_rad = math.atan2(self._motion[1], self._motion[0])
         is_new, self._is_new = self._is_new, False
-        target = self._target or place
-        return Plan(
-            np.array([self._motion[:d]]) / self.params.period_s,
-            np.array([self._facing_rad]),
-            self._avoidance.is_active,
-            np.array([target]),
-            np.array([is_new]),
+        period_s = self.params.period_s
+        return OnePlan(
+            [part / period_s for part in self._motion[: self._d]],
+            self._facing_rad,
+            self._is_avoiding,
+            self._target or place_m,
+            is_new,
         )
 
     def _account(self, place: list[float], heading_rad: float) -> bool:
@@ -255,28 +262,16 @@ class Explorer:
         if not last or math.dist(last, place) > JUMP_M + 3.0 * self._level_m:
             self._facing_rad = heading_rad
             self.memory.sweep(place, place)
-            self._append(START, place)
+            self._logbook.begin(place)
             self._target = None
             return False
         moved_m = math.dist(last, place)
         self._travelled_m += moved_m
         if moved_m > 0.0:
             self.memory.sweep(last, place)
-            self._log(place)
+            self._logbook.mark(place)
         stalled = self._stall.update(np.array([moved_m]), np.array([self._commanded_m]))
         return stalled.size > 0
-
-    def _log(self, place: list[float]) -> None:
-        """Append the last point to the own log when the way bends or gets long behind it."""
-        if self._since and (
-            math.dist(self._vertex, place) > SEGMENT_M or _strays(self._since, self._vertex, place)
-        ):
-            self._append(LINE, self._since[-1])
-        self._since.append(place)
-
-    def _append(self, kind: int, point: list[float]) -> None:
-        self.trails.append(kind, point)
-        self._vertex, self._since = point, []
 
     def _add_wall(self, point: list[float], axis: int) -> None:
         if self.memory.wall(point, axis):
@@ -288,7 +283,7 @@ class Explorer:
         if size <= 0.0:
             return
         unit = [part / size for part in self._motion]
-        if self._is_peer_ahead(place, unit):
+        if self.company.is_ahead(self._now, place, unit):
             return
         cell_m, ahead_m = self.params.cell_m, self.params.clearance_m
         self.write_off("block", [p + cell_m * u for p, u in zip(place, unit, strict=False)])
@@ -316,45 +311,33 @@ class Explorer:
             case _:
                 self.memory.give_up(point_m, self.params.cell_m)
 
-    def _is_peer_ahead(self, place: list[float], unit: list[float]) -> bool:
-        """Tell whether a peer was within 2 m and 60 degrees of a direction in the last second."""
-        here = three(place)
-        for seen in self._peers.values():
-            away = [there - own for there, own in zip(seen[1:4], here, strict=True)]
-            far = math.hypot(*away)
-            along = sum(part * u for part, u in zip(away, unit, strict=True))
-            if self._now - seen[0] < 1.0 and far < 2.0 and along > 0.5 * far:
-                return True
-        return False
-
-    def _consult(self, heading_rad: Floats, ranges_m: Floats) -> bool:
+    def _consult(self, heading_rad: float, ranges_m: Sequence[float]) -> bool:
         """Ask Table I where a sensor is triggered, or was; tell whether it ends a turn.
 
         Without the front one those at the sides do not count, see `_reflex`.
         """
         near_m = self.params.avoid_distance_m
-        front, _, _, _, up, down = ranges_m[0].tolist()
+        front, _, _, _, up, down = ranges_m
         is_near = front < near_m or (self._d == 3 and (up < near_m or down < near_m))
         if not is_near and not self._is_avoiding:
             return False
-        turned = self._avoidance.update(heading_rad, self._reflex(ranges_m), self._chance)
+        reflex = np.array([self._reflex(ranges_m)])
+        turned = self._avoidance.update(np.array([heading_rad]), reflex, self._chance)
         self._is_avoiding = bool(self._avoidance.is_active[0])
         return turned.size > 0
 
-    def _reflex(self, ranges_m: Floats) -> Floats:
+    def _reflex(self, ranges_m: Sequence[float]) -> Sequence[float]:
         """Leave to Table I only what the memory cannot explain.
 
         Where the map shows the wall that the front beam sees, the way past it was chosen with
         that wall in mind: the table would turn the vehicle away from every door.
         """
-        front_m = float(ranges_m[0, 0])
-        masked = ranges_m.copy()
+        front_m = ranges_m[0]
         if front_m < self.params.avoid_distance_m:
             reach = (front_m + 2.0 * self.params.cell_m) / self.params.cell_m
             if not kernels.wall_within(self.memory.grid, self.memory.cells(self._place), reach):
-                return masked
-        masked[0, :4] = math.inf
-        return masked
+                return ranges_m
+        return [math.inf] * 4 + list(ranges_m[4:])
 
     def decide(self) -> None:
         """Choose a new local best now."""
@@ -391,7 +374,7 @@ class Explorer:
         """Choose the next local best: the best candidate step, or the way to a frontier."""
         params, swath = self.params, self._swath
         directions, sides, lengths_m = swath.candidates(self._chance)
-        with self.memory.supposed(self._claims()):
+        with self.memory.supposed(self.company.claims(self._now)):
             rated = swath.rate(self.memory, place, directions, sides, lengths_m)
         best = int(np.argmax(self._scores(place, directions, rated)))
         new, _, last, free = rated[best]
@@ -407,34 +390,16 @@ class Explorer:
                 return
         self._head_for(place, directions[best], last * params.cell_m, free * params.cell_m)
 
-    def _claims(self) -> list[tuple[list[float], list[float]]]:
-        """Give the strips that peers were going to fly when last heard: from where to where."""
-        d = self._d
-        heard = self._heard(CLAIM_S)
-        return [(seen[1 : 1 + d], seen[4 : 4 + d]) for seen in heard if seen[7]]
-
-    def _heard(self, within_s: float) -> list[list[float]]:
-        """Give what is known of the peers that were heard lately."""
-        return [seen for seen in self._peers.values() if self._now - seen[0] < within_s]
-
     def _scores(self, place: list[float], directions: Floats, rated: Floats) -> Floats:
         params, swath = self.params, self._swath
         last = rated[:, 2] / swath.pitch
         scores: Floats = (rated[:, 0] + params.adjacency * rated[:, 1]) / (
             swath.inner * (np.maximum(last, 1.0) + swath.overhead)
         )
-        if self._peers:
+        if self.company:
             ends = np.array(three(place)) + directions * (rated[:, 2] * params.cell_m)[:, None]
-            seen = np.array(list(self._peers.values()))
-            ages = self._now - seen[:, 0]
-            weights = np.where(ages < 3.0 * params.memory_s, np.exp(-ages / params.memory_s), 0.0)
-            far = np.sqrt(((ends[:, None, :] - seen[None, :, 1:4]) ** 2).sum(axis=2))
-            here = np.sqrt(((np.array(three(place)) - seen[:, 1:4]) ** 2).sum(axis=1))
-            to_target = np.sqrt(((ends[:, None, :] - seen[None, :, 4:7]) ** 2).sum(axis=2))
-            scale = swath.width_m / 0.6
-            near = np.where(far < here[None, :], np.exp(-far / (3.0 * scale)), 0.0)
-            near += np.exp(-to_target / (1.5 * scale)) * seen[:, 7]
-            scores -= params.peer_weight * (near @ weights)
+            crowding = self.company.crowding(self._now, place, ends, swath.width_m)
+            scores -= params.peer_weight * crowding
         return scores
 
     def _head_for(
@@ -446,14 +411,8 @@ class Explorer:
 
     def _pull(self, place: list[float]) -> bool:
         """Follow the shortest known way to the best frontier; False when there is none."""
-        params, d = self.params, self._d
-        others = Others(
-            [seen[1 : 1 + d] for seen in self._heard(FRESH_S)],
-            [seen[4 : 4 + d] for seen in self._heard(3.0 * params.memory_s) if seen[7]],
-            params.target_exclusion_m,
-        )
         self.searches += 1
-        corners = find_way(self.memory, place, others, self._gap_cells)
+        corners = find_way(self.memory, place, self.company.others(self._now), self._gap_cells)
         if not corners:
             return False
         self._goal = corners[-1]
@@ -470,7 +429,7 @@ class Explorer:
 
     # -- moving --------------------------------------------------------------------------------
 
-    def _fly(self, place: list[float], peers_m: list[list[float]]) -> None:
+    def _fly(self, place: list[float], peers_m: Sequence[Sequence[float]]) -> None:
         """Move by Eq. 6, one random number per term, and keep the speed limits."""
         params, target = self.params, self._target or place
         away_m, social = [0.0] * self._d, 0.0
@@ -525,19 +484,36 @@ def warm_up(params: PlannerParams) -> None:
     kernels.unknown_within(explorer.memory.grid, 0, 0, 0, 1)
 
 
-def _strays(points: Sequence[list[float]], start: list[float], end: list[float]) -> bool:
-    """Tell whether a point is farther than DEVIATION_M from a segment."""
-    way = [e - s for s, e in zip(start, end, strict=True)]
-    length2 = math.dist(start, end) ** 2
-    for point in points:
-        t = 0.0
-        if length2 > 0.0:
-            along = sum([w * (p - s) for w, p, s in zip(way, point, start, strict=True)])
-            t = min(1.0, max(0.0, along / length2))
-        foot = [s + t * w for s, w in zip(start, way, strict=True)]
-        if math.dist(point, foot) > DEVIATION_M:
-            return True
-    return False
+AskOne = Callable[[list[float], float, Sequence[float], Sequence[Sequence[float]]], OnePlan]
+"""Plan one vehicle's next step, as `Explorer.step_one` does."""
+
+
+def ask_one(planner: Planning, dimensions: int) -> AskOne:
+    """Ask a planner of one vehicle in plain numbers: arrays of one row are slow to make."""
+    if isinstance(planner, Explorer):
+        return planner.step_one
+
+    def ask(
+        place_m: list[float],
+        heading_rad: float,
+        ranges_m: Sequence[float],
+        peers_m: Sequence[Sequence[float]],
+    ) -> OnePlan:
+        plan = planner.step(
+            np.array([place_m]),
+            np.array([heading_rad]),
+            np.array([ranges_m]),
+            np.array(peers_m).reshape(1, -1, dimensions),
+        )
+        return OnePlan(
+            plan.velocity_m_s[0].tolist(),
+            float(plan.heading_rad[0]),
+            bool(plan.avoiding[0]),
+            plan.target_m[0].tolist(),
+            bool(plan.is_new[0]),
+        )
+
+    return ask
 
 
 def make_planner(

@@ -204,6 +204,18 @@ class Plan(NamedTuple):
     """(n,) whether the local best was chosen anew or turned in this step."""
 
 
+class OnePlan(NamedTuple):
+    """A `Plan` of one vehicle, in plain numbers."""
+
+    velocity_m_s: list[float]
+    """d of them."""
+    heading_rad: float
+    is_avoiding: bool
+    target_m: list[float]
+    """d of them."""
+    is_new: bool
+
+
 class Planning(Protocol):
     """What is asked of every planner, also of one that is not ours."""
 

@@ -197,7 +197,7 @@ def test_a_planner_that_breaks_makes_the_vehicle_hold_and_land(
         raise ValueError("no idea")
 
     agent = flight.agent(1)
-    monkeypatch.setattr(agent._planner, "step", broken)
+    monkeypatch.setattr(agent, "_ask", broken)
     flight.fly_until(lambda: agent.phase is Phase.HOLDING, within_s=5)
     flight.fly_until(lambda: agent.phase is Phase.DONE, within_s=60)
     assert flight.agent(2).phase.value in EXPLORES

@@ -336,7 +336,7 @@ def test_a_planner_that_stalls_makes_the_vehicle_hold_and_land(
         if how == "raises":
             raise ValueError("no idea")
 
-    monkeypatch.setattr(agent._planner, "step", broken)
+    monkeypatch.setattr(agent, "_ask", broken)
     detect(flight, "planner stalled", lambda: agent.phase is Phase.HOLDING, 1.0)
     detect(flight, "no recovery: land", lambda: agent.phase is Phase.LANDING, 10.0)
 

@@ -134,10 +134,10 @@ def test_who_hears_nothing_learns_nothing() -> None:
     near = case(start_m=PLACE, steps=20)
     deaf = Flight(replace(near, message_loss=1.0))
     assert deaf.known_of_others() == 0
-    assert not any(explorer._peers for explorer in deaf.explorers)
+    assert not any(explorer.company for explorer in deaf.explorers)
     half, all_ears = Flight(replace(near, message_loss=0.5)), Flight(near)
     assert 0 < half.known_of_others() <= all_ears.known_of_others()
-    assert all(len(explorer._peers) == 3 for explorer in all_ears.explorers)
+    assert all(len(explorer.company) == 3 for explorer in all_ears.explorers)
     # beacons alone, with nothing else lost, would pass on more than half of it
     assert (
         Flight(replace(near, message_loss=0.9)).known_of_others() < 0.3 * all_ears.known_of_others()
@@ -149,7 +149,7 @@ def test_peers_are_heard_from_where_they_are_give_or_take_the_noise() -> None:
     exact, noisy = Flight(near), Flight(replace(near, position_noise_m=0.05))
     for flight, least, most in ((exact, 0.0, 1e-9), (noisy, 1e-3, 0.3)):
         place_m = flight.batch.position_m
-        own = flight.explorers[0]._peers[2][1:3]
+        own = flight.explorers[0].company.place_m(2)
         error = np.array(own) - (place_m[1] - flight.start_m[0])
         assert least <= np.abs(error).max() <= most
 

@@ -39,8 +39,8 @@ def write(vehicle: Explorer, count: int, seed: int = 5) -> None:
         if chance.random() < 0.3:
             vehicle.observe_hits(np.array([point]))
         else:
-            vehicle.memory.sweep(vehicle._vertex, point)
-            vehicle._append(LINE, point)
+            vehicle.memory.sweep(vehicle._logbook._vertex, point)
+            vehicle._logbook._append(LINE, point)
 
 
 def meet(one: Explorer, other: Explorer, offset: tuple[float, float], now: float = 0.0) -> None:
@@ -94,7 +94,7 @@ def test_what_a_third_vehicle_did_lands_in_the_right_place() -> None:
     far, relay, reader = explorer(1), explorer(2), explorer(3)
     stand(far, (1.0, 2.0))
     stand(far, (1.0, 4.0))
-    far._append(LINE, [1.0, 4.0])
+    far._logbook._append(LINE, [1.0, 4.0])
     meet(relay, far, HERE)  # far stands at HERE in the relay's frame
     for payload in everything(far, relay):
         relay.hear_chunk(1, payload)

@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from halls import write_hall
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,6 +20,7 @@ from swarm_ctl.agent.agent import Agent
 from swarm_ctl.agent.blind import FORGOTTEN_M, LATE_S
 from swarm_ctl.agent.phases import SILENT, STREAMING, Phase
 from swarm_ctl.autopilot.px4 import PX4
+from swarm_ctl.explore.planner import OnePlan
 from swarm_ctl.flight import orders_of
 from swarm_ctl.mission import load_mission
 from swarm_ctl.model import Operator, Vec3
@@ -171,7 +171,7 @@ class Bench:
         if step.order is not None:
             self.agent.order(step.order, self.now)
         self.agent.receive(step.noise, self.now)
-        self.agent._planner.step = lambda *_: plan_of(step.plan, self.is_level)  # type: ignore[method-assign]
+        self.agent._ask = lambda *_: plan_of(step.plan, self.is_level)
         self.tick()
 
     def meet(
@@ -286,13 +286,12 @@ def a_folder() -> Path:
     return Path(tempfile.mkdtemp())
 
 
-def plan_of(wanted: tuple[float, float, float, float] | None, is_level: bool) -> Any:
+def plan_of(wanted: tuple[float, float, float, float] | None, is_level: bool) -> OnePlan:
     if wanted is None:
         raise ValueError("no idea")
     north, east, down, heading = wanted
     velocity = [north, east] if is_level else [north, east, down]
-    no = np.array([False])
-    return Plan(np.array([velocity]), np.array([heading]), np.array([velocity]), no, no)
+    return OnePlan(velocity, heading, is_avoiding=False, target_m=velocity, is_new=False)
 
 
 @settings(max_examples=200, deadline=None)

@@ -1,0 +1,64 @@
+"""The way that a vehicle has flown, written into its own log as straight lines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from swarm_ctl.explore.pieces import LINE, START
+from swarm_ctl.explore.trails import Trails
+
+DEVIATION_M = 0.1
+"""How far a trail may stray from the straight line between two points of its log."""
+SEGMENT_M = 3.0
+"""Longest straight line of a log: what is not in the log yet cannot be told."""
+
+
+class Logbook:
+    """Append to `trails` where the way bends or gets long; points are metres in the own frame."""
+
+    def __init__(self, trails: Trails) -> None:
+        self._trails = trails
+        self._vertex: list[float] = []
+        self._since: list[list[float]] = []
+
+    def begin(self, place_m: list[float]) -> None:
+        """Begin a new way here."""
+        self._append(START, place_m)
+
+    def resume(self, vertex_m: list[float], place_m: list[float]) -> None:
+        """Go on with a way whose last point in the log is `vertex_m`."""
+        self._vertex, self._since = vertex_m, [place_m]
+
+    def mark(self, place_m: list[float]) -> None:
+        """Go on to a place; append the last one when the way bends or gets long behind it."""
+        if self._since and (
+            math.dist(self._vertex, place_m) > SEGMENT_M
+            or _strays(self._since, self._vertex, place_m)
+        ):
+            self._append(LINE, self._since[-1])
+        self._since.append(place_m)
+
+    def write_out(self, longer_than_m: float) -> None:
+        """Append the last place if the log ends that far behind it, so that it can be told."""
+        if self._since and math.dist(self._vertex, self._since[-1]) > longer_than_m:
+            self._append(LINE, self._since[-1])
+
+    def _append(self, kind: int, point_m: list[float]) -> None:
+        self._trails.append(kind, point_m)
+        self._vertex, self._since = point_m, []
+
+
+def _strays(points: Sequence[list[float]], start: list[float], end: list[float]) -> bool:
+    """Tell whether a point is farther than DEVIATION_M from a segment."""
+    way = [e - s for s, e in zip(start, end, strict=True)]
+    length2 = math.dist(start, end) ** 2
+    for point in points:
+        t = 0.0
+        if length2 > 0.0:
+            along = sum([w * (p - s) for w, p, s in zip(way, point, start, strict=True)])
+            t = min(1.0, max(0.0, along / length2))
+        foot = [s + t * w for s, w in zip(start, way, strict=True)]
+        if math.dist(point, foot) > DEVIATION_M:
+            return True
+    return False
