@@ -13,7 +13,7 @@ from swarm_ctl.agent.agent import Agent, Orders
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.controller import Controller
 from swarm_ctl.errors import SwarmError
-from swarm_ctl.explore.explorer import warm_up
+from swarm_ctl.explore.one import warm_up
 from swarm_ctl.mission import Mission
 from swarm_ctl.record.folder import Mode, RunFolder
 from swarm_ctl.record.own_paths import draw_own_paths

@@ -37,7 +37,8 @@ from swarm_ctl.agent.watch import TIME_OVER, Vigil, missing, watch
 from swarm_ctl.autopilot import command as commands
 from swarm_ctl.autopilot.command import Answer, Command, CommandQueue, command
 from swarm_ctl.autopilot.telemetry import SCAN_HZ, SUBSCRIBED, Telemetry
-from swarm_ctl.explore.explorer import Explorer, ask_one, make_planner
+from swarm_ctl.explore.explorer import Explorer
+from swarm_ctl.explore.one import ask_one, make_planner
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.model import ZERO, Event, Operator, Setpoint, Snapshot, Vec3
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +13,11 @@ from swarm_ctl.explore import kernels
 from swarm_ctl.explore.avoidance import Avoidance, StallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
 from swarm_ctl.explore.company import Company
-from swarm_ctl.explore.frontier import NOBODY, find_way, find_way_to
+from swarm_ctl.explore.frontier import find_way, find_way_to
 from swarm_ctl.explore.logbook import Logbook
 from swarm_ctl.explore.memory import VisitedMap, three
 from swarm_ctl.explore.pieces import LINE, WALL_X
-from swarm_ctl.explore.planner import SLOW, OnePlan, Plan, PlannerParams, Planning, plan_with
+from swarm_ctl.explore.planner import SLOW, OnePlan, Plan, PlannerParams
 from swarm_ctl.explore.pso import fly_one
 from swarm_ctl.explore.repulsion import repel
 from swarm_ctl.explore.swath import Swath
@@ -462,82 +462,3 @@ class Explorer:
             self._motion[2] = float(down[0]) * climb_m
             if self._target is not None and (self._target[2] - self._place[2]) * down[0] < 0.0:
                 self._target[2] = self._place[2]
-
-
-def warm_up(params: PlannerParams) -> None:
-    """Run every compiled loop once: compiling in flight would stop the stream of setpoints.
-
-    Takes seconds when numba is installed and has nothing in its cache, else next to nothing.
-    """
-    d = params.dimensions
-    explorer = Explorer(params, speed_m_s=1.0, climb_m_s=1.0, seed=0)
-    wall = np.full((1, d), 0.6)
-    for step in range(4):
-        place = [0.3 * step] * d
-        explorer.step(
-            np.array([place]), np.zeros(1), np.full((1, 6), 0.6), np.full((1, 0, d), math.nan)
-        )
-        explorer.observe_hits(wall)
-        explorer.decide()
-    explorer.way_to([0.9] * d, [0.0] * d)
-    find_way(explorer.memory, [0.9] * d, NOBODY, 1)
-    kernels.unknown_within(explorer.memory.grid, 0, 0, 0, 1)
-
-
-AskOne = Callable[[list[float], float, Sequence[float], Sequence[Sequence[float]]], OnePlan]
-"""Plan one vehicle's next step, as `Explorer.step_one` does."""
-
-
-def ask_one(planner: Planning, dimensions: int) -> AskOne:
-    """Ask a planner of one vehicle in plain numbers: arrays of one row are slow to make."""
-    if isinstance(planner, Explorer):
-        return planner.step_one
-
-    def ask(
-        place_m: list[float],
-        heading_rad: float,
-        ranges_m: Sequence[float],
-        peers_m: Sequence[Sequence[float]],
-    ) -> OnePlan:
-        plan = planner.step(
-            np.array([place_m]),
-            np.array([heading_rad]),
-            np.array([ranges_m]),
-            np.array(peers_m).reshape(1, -1, dimensions),
-        )
-        return OnePlan(
-            plan.velocity_m_s[0].tolist(),
-            float(plan.heading_rad[0]),
-            bool(plan.avoiding[0]),
-            plan.target_m[0].tolist(),
-            bool(plan.is_new[0]),
-        )
-
-    return ask
-
-
-def make_planner(
-    params: PlannerParams,
-    *,
-    speed_m_s: float,
-    climb_m_s: float,
-    seeds: Sequence[Seed],
-    sysid: int = 0,
-    birth: int = 0,
-) -> Planning:
-    """Build the planner of one vehicle: with a memory for kind `explore`, else without.
-
-    `sysid` and `birth` name the vehicle in the trails that it shares.
-    """
-    if params.kind != "explore":
-        return plan_with(params, speed_m_s=speed_m_s, climb_m_s=climb_m_s, seeds=seeds)
-    if len(seeds) != 1:
-        raise ValueError(f"an explorer plans for one vehicle, not {len(seeds)}")
-    return Explorer(
-        params,
-        speed_m_s=speed_m_s,
-        climb_m_s=climb_m_s,
-        seed=seeds[0],
-        sysid=sysid,
-        birth=birth,
-    )

@@ -242,7 +242,7 @@ class Planner:
         kernels: Kernels = NUMPY,
     ) -> None:
         if params.kind == "explore":
-            raise ValueError("kind explore is an Explorer: use explorer.make_planner")
+            raise ValueError("kind explore is an Explorer: use one.make_planner")
         if speed_m_s <= 0.0 or (params.dimensions == 3 and climb_m_s <= 0.0):
             raise ValueError("speed and, in 3-D, climb must be positive")
         n, d = len(seeds), params.dimensions

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from swarm_ctl.explore import kernels
 from swarm_ctl.explore.chance import Floats
-from swarm_ctl.explore.explorer import Explorer, make_planner, warm_up
+from swarm_ctl.explore.explorer import Explorer
+from swarm_ctl.explore.one import make_planner, warm_up
 from swarm_ctl.explore.planner import Plan, Planner, PlannerParams
 
 SIDE_M = 8.0
