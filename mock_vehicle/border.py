@@ -21,6 +21,7 @@ AHEAD_S = 0.3
 """Mission time that a shard may be ahead of the slowest one; beyond, it waits."""
 LOST_S = 2.0
 """Wall time of silence after which a shard and its vehicles are gone."""
+OTHER = ", which has another world, seed, --vehicles or --shards"
 DRAIN = 256
 DATAGRAM_BYTES = 2048
 BUFFER_BYTES = 1 << 20
@@ -46,6 +47,8 @@ class _Neighbour:
     """Whether its vehicles are in the same MAVLink network."""
     heard_s: float | None = None
     """When it was last heard, wall clock."""
+    is_other: bool = False
+    """Whether what it last told is of another mission."""
 
 
 @dataclass(slots=True)
@@ -91,7 +94,7 @@ class Border:
     def missing(self) -> list[str]:
         """Name the shards that are not heard, as a person finds them."""
         return [
-            f"shard {one.shard} at {host}:{port}"
+            f"shard {one.shard} at {host}:{port}{OTHER if one.is_other else ''}"
             for (host, port), one in self._neighbours.items()
             if one.heard_s is None
         ]
@@ -127,7 +130,10 @@ class Border:
         neighbour = self._neighbours.get(address)
         if neighbour is None:
             self.traffic.refused["stranger"] += 1
-        elif self._fleet.learn(data, neighbour.shard, neighbour.vehicles, now):
+            return
+        if not self._fleet.learn(data, neighbour.shard, neighbour.vehicles, now):
+            neighbour.is_other = self._abroad.is_of_another(data)
+        else:
             if neighbour.heard_s is None:
                 LOG.warning("shard %d is here", neighbour.shard)
             neighbour.heard_s = wall_s

@@ -21,7 +21,7 @@ from swarm_ctl.bus.peers import PeersOverMqtt
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.link.broadcast import Broadcast
 from swarm_ctl.link.mesh import Mesh
-from swarm_ctl.link.url import Meeting, Network, parse_peers
+from swarm_ctl.link.url import Meeting, Network, parse_peers, spread
 from swarm_ctl.mission import Mission
 from swarm_ctl.model import Operator
 from swarm_ctl.run.fleet import STOP_SIGNALS, TWICE
@@ -56,7 +56,9 @@ Connect = Annotated[
     list[str],
     typer.Option(
         help="Where an autopilot is: udpin://0.0.0.0:14540, udpout://HOST:PORT, "
-        "tcpout://HOST:PORT or serial:///dev/ttyACM0:57600; again for more vehicles.",
+        "tcpout://HOST:PORT or serial:///dev/ttyACM0:57600; again for more vehicles, or a range "
+        "of ports, as udpout://HOST:14580-14589.",
+        callback=spread,
         metavar="URL",
         show_default=False,
     ),

@@ -23,6 +23,8 @@ OPTIONS = {
     "planner.kind": "--planner",
 }
 """What replaces a key of the file, by the key."""
+VEHICLES_MAX = 250
+"""Of one MAVLink network, whose sysids are a byte."""
 BLOCKS = ("planner", "flight", "limits", "frame", "ranging")
 """Sections of a mission file, which are blocks of keys."""
 
@@ -34,8 +36,9 @@ class Mission(Section):
     """Short name, also of the run folder; the file's own name if left out."""
     world: Path | None = None
     """World file the mock simulates, relative to the mission file; real vehicles need none."""
-    vehicles: int = Field(default=10, ge=1, le=250)
-    """Number of vehicles; their sysids are 1, 2, 3 and so on."""
+    vehicles: int = Field(default=10, ge=1, json_schema_extra={"maximum": VEHICLES_MAX})
+    """Number of vehicles; their sysids are 1, 2, 3 and so on. More than 250 fly as several
+    missions, each a MAVLink network of its own."""
     autopilot: Literal["px4", "ardupilot", "mixed"] = "px4"
     """What the mock vehicles behave like; `mixed` alternates."""
     duration_s: float = Field(gt=0.0, le=86_400.0)
@@ -147,6 +150,16 @@ def mission_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
+def _too_many(vehicles: int) -> Iterator[tuple[str, str]]:
+    """Say what to do with more vehicles than a MAVLink network has."""
+    if vehicles > VEHICLES_MAX:
+        sentence = (
+            f"must be at most {VEHICLES_MAX}, not {vehicles}, in one MAVLink network; fly more as "
+            "groups, a mission for each (docs/scaling.md)"
+        )
+        yield "vehicles", sentence
+
+
 def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
     """Name every key that does not fit another one, with a sentence."""
     planner, flight, limits = mission.planner, mission.flight, mission.limits
@@ -196,6 +209,7 @@ def _cross_checks(mission: Mission) -> Iterator[tuple[str, str]]:
             "duration_s",
             f"must be below limits.max_time_s ({limits.max_time_s:g}), not {mission.duration_s:g}",
         )
+    yield from _too_many(mission.vehicles)
     yield from mistakes(mission.frame)
     try:
         parse_peers(mission.peers)

@@ -100,6 +100,11 @@ class Abroad:
             self.refused["frames"] += len(letter.frames) - len(heard)
         return heard
 
+    def is_of_another(self, data: bytes) -> bool:
+        """Tell whether it is a letter, of another mission."""
+        letter = read(data)
+        return letter is not None and letter.tag != self.tag
+
     def _place(self, letter: Letter) -> None:
         at = letter.rows["vehicle"].astype(np.intp)
         news = letter.time_s >= self._told_s[at]  # datagrams overtake one another

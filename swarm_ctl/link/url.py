@@ -36,6 +36,7 @@ _NETWORK = re.compile(
 _BROKER = re.compile(
     r"mqtts?://([^\s:@/?#]+@)?([\w.-]{1,253}|\[[0-9A-Fa-f:.]+\])(:(?P<port>\d{1,5}))?/?", re.ASCII
 )
+_RANGE = re.compile(r"(?P<place>[a-z]+://[^/]*:)(?P<first>\d{1,5})-(?P<last>\d{1,5})/?")
 _SERIAL = re.compile(r"serial://(?P<device>/[^:]+)(?::(?P<baud>[1-9]\d{0,7}))?")
 
 
@@ -97,6 +98,21 @@ def _network(url: str) -> Network:
             if 0 < port <= PORT_MAX and (is_group or interface is None):
                 return Network(url, host, port, str(chosen), is_group)
     raise SwarmError(f"{url}: {NETWORK_EXPECTED}")
+
+
+def spread(urls: list[str]) -> list[str]:
+    """Give an address for each port of `udpout://HOST:14580-14589`; others stay as they are."""
+    return [one for url in urls for one in _each(url)]
+
+
+def _each(url: str) -> list[str]:
+    found = _RANGE.fullmatch(url)
+    if found is None:
+        return [url]
+    first, last = int(found["first"]), int(found["last"])
+    if not 0 < first <= last <= PORT_MAX:
+        raise SwarmError(f"{url}: expected the first and the last port, as 14580-14589")
+    return [f"{found['place']}{port}" for port in range(first, last + 1)]
 
 
 def parse(url: str) -> Address:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from swarm_ctl.errors import SwarmError
-from swarm_ctl.link.url import BAUD, Address, parse
+from swarm_ctl.link.url import BAUD, Address, parse, spread
 
 
 @pytest.mark.parametrize(
@@ -58,3 +58,13 @@ def test_a_mistake_in_an_address_is_one_sentence_that_names_it(url: str, sentenc
         parse(url)
     assert str(caught.value).startswith(f"{url}: {sentence}")
     assert "\n" not in str(caught.value)
+
+
+def test_a_range_of_ports_is_an_address_for_each() -> None:
+    url = "udpout://10.0.0.2:14580-14582"
+    three = [f"udpout://10.0.0.2:{port}" for port in (14580, 14581, 14582)]
+    assert spread(["serial:///dev/ttyACM0", url]) == ["serial:///dev/ttyACM0", *three]
+    assert spread(["udpin://0.0.0.0:7-7"]) == ["udpin://0.0.0.0:7"]
+    for ports in ("14589-14580", "0-3", "65530-65536"):
+        with pytest.raises(SwarmError, match="expected the first and the last port"):
+            spread([f"udpout://10.0.0.2:{ports}"])

@@ -350,7 +350,7 @@ def test_a_world_that_is_not_there_is_named(write: Write, tmp_path: Path) -> Non
 
 
 def test_a_wrong_override_is_named_like_a_wrong_key(write: Write) -> None:
-    assert refusal(write(""), vehicles=300).reason == "must be at most 250, not 300"
+    assert refusal(write(""), vehicles=300).reason.startswith("must be at most 250, not 300")
     assert refusal(write(""), planner="ants").key == "planner.kind"
     assert refusal(write("planner: 3"), planner="pso").key == "planner"
 
