@@ -24,8 +24,15 @@ SPEED = 2.0
 class Shards:
     """Two `mock-vehicle`, each with its half of the vehicles."""
 
-    def __init__(self, world: Path, folder: Path, vehicles: int, ports: tuple[int, int]) -> None:
-        self.folder = folder
+    def __init__(
+        self,
+        world: Path,
+        folder: Path,
+        vehicles: int,
+        ports: tuple[int, int],
+        speeds: tuple[float, float] = (SPEED, SPEED),
+    ) -> None:
+        self.folder, self.speeds = folder, speeds
         self.addresses = list(zip(HOSTS, ports, strict=True))
         shards = ",".join(f"{host}:{port}" for host, port in self.addresses)
         self._words = (world, "--vehicles", vehicles, "--shards", shards, "--port", 0)
@@ -35,7 +42,7 @@ class Shards:
     def begin(self, shard: int) -> Mock:
         """Start one of them."""
         out = self.folder / f"shard{shard}"
-        how = ("--rates", "lean", "--speed", SPEED, "--json", "--out", out)
+        how = ("--rates", "lean", "--speed", self.speeds[shard - 1], "--json", "--out", out)
         return Mock(*self._words, "--shard", shard, *how)
 
     def links(self) -> list[object]:
@@ -59,14 +66,14 @@ class Shards:
 @pytest.fixture
 def shards(
     tmp_path: Path, hall: Callable[..., Path], free_udp_port: int
-) -> Iterator[Callable[[int], Shards]]:
+) -> Iterator[Callable[..., Shards]]:
     """Give a function that starts both for so many vehicles."""
     begun: list[Shards] = []
 
-    def begin(vehicles: int) -> Shards:
+    def begin(vehicles: int, **how: Any) -> Shards:
         mission = hall(vehicles=vehicles, world={"starts": STARTS})
         ports = (free_udp_port, free_udp_port)
-        begun.append(Shards(mission.parent / "world.yaml", tmp_path, vehicles, ports))
+        begun.append(Shards(mission.parent / "world.yaml", tmp_path, vehicles, ports, **how))
         return begun[-1]
 
     yield begin
@@ -76,7 +83,7 @@ def shards(
 
 
 def test_two_shards_fly_one_mission_and_hear_each_other(
-    shards: Callable[[int], Shards], tmp_path: Path, swarm_ctl_run: Callable[..., Session]
+    shards: Callable[..., Shards], tmp_path: Path, swarm_ctl_run: Callable[..., Session]
 ) -> None:
     both = shards(4)
     assert [one["host"] for one in both.ready] == list(HOSTS)
@@ -102,7 +109,7 @@ def test_two_shards_fly_one_mission_and_hear_each_other(
 
 
 def test_what_strangers_send_to_a_border_is_counted_and_changes_nothing(
-    shards: Callable[[int], Shards],
+    shards: Callable[..., Shards],
 ) -> None:
     both = shards(2)
     both.report(1, lambda line: line["time_s"] > 0.0)
@@ -115,7 +122,16 @@ def test_what_strangers_send_to_a_border_is_counted_and_changes_nothing(
     assert line["border"]["missing"] == []
 
 
-def test_a_shard_that_dies_is_survived_and_taken_back(shards: Callable[[int], Shards]) -> None:
+def test_who_is_faster_waits_for_who_is_slower(shards: Callable[..., Shards]) -> None:
+    both = shards(2, speeds=(8.0, 1.0))
+    slow = both.report(2, lambda line: line["time_s"] > 3.0)
+    fast = both.report(1, lambda line: line["time_s"] > 3.0)
+    for _ in range(2):
+        slow, fast = both.mocks[1].line(), both.mocks[0].line()
+    assert abs(fast["time_s"] - slow["time_s"]) < 3.0  # lines are a second apart
+
+
+def test_a_shard_that_dies_is_survived_and_taken_back(shards: Callable[..., Shards]) -> None:
     both = shards(2)
     both.report(1, lambda line: line["time_s"] > 1.0)
     both.mocks[1].process.kill()
