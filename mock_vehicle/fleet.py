@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -12,13 +11,14 @@ from numpy.typing import NDArray
 
 from mock_vehicle.autopilot.parameters import share_out
 from mock_vehicle.autopilot.traits import Rates
+from mock_vehicle.contact import Touch
 from mock_vehicle.dynamics import OFF, Dynamics
 from mock_vehicle.errors import WorldError
 from mock_vehicle.faults import Fault, check
 from mock_vehicle.geodesy import Origin
 from mock_vehicle.lossy import LossyLinks, Place
 from mock_vehicle.radio import Radio
-from mock_vehicle.referee import PARTED_M, Files, Referee, write_files
+from mock_vehicle.referee import Files, Referee, write_files
 from mock_vehicle.sensors.battery import Batteries
 from mock_vehicle.sensors.gnss import Gnss, Reception
 from mock_vehicle.sensors.infrared import Infrared
@@ -26,7 +26,7 @@ from mock_vehicle.sensors.odometry import Odometry
 from mock_vehicle.sensors.rangefinder import BODY_RADIUS_M, RANGE_MIN_M, Rangefinders
 from mock_vehicle.sensors.readings import Readings
 from mock_vehicle.shards import Part, whole
-from mock_vehicle.shards.abroad import NO_STRANGERS, Abroad, tag_of
+from mock_vehicle.shards.abroad import NO_STRANGERS, Abroad, Strangers, tag_of
 from mock_vehicle.trouble import Troubles
 from mock_vehicle.vehicle import LIMITS, PERSONALITIES, Personality, Vehicle, packed, refresh_all
 from mock_vehicle.wind import Wind
@@ -43,17 +43,10 @@ TICK_S = 0.1
 """Time between two looks of sensors and referee."""
 FULL_STEP_S = 0.01
 """Step at full rates: ATTITUDE of PX4 comes at 100 Hz."""
-REACH_S = 0.15
-"""Whoever cannot touch anything within this time at twice its speed is not checked each step."""
 MEETING_M = 5.0
 """How far beyond sight vehicles of other shards may be and still be met before the next tick."""
-TOP = -0.7
-"""The downward part of the normal of what can be stood on."""
 WIND = 3
 """Place of the wind among `streams`."""
-NO_GAPS_M, NOBODY = np.empty(0), np.empty(0, dtype=bool)
-PROBES_M = 0.01 * np.eye(3)
-"""Steps of the finite differences that tell where a wall pushes."""
 
 
 def streams(seed: int, shard: int = 1) -> list[np.random.Generator]:
@@ -74,12 +67,6 @@ def apart(a_m: FLOATS, b_m: FLOATS) -> FLOATS:
     gap = b_m[None, :, :] - a_m[:, None, :]
     distances: FLOATS = np.sqrt(np.einsum("ijk,ijk->ij", gap, gap))
     return distances
-
-
-def speeds(velocity_ned_m_s: FLOATS) -> FLOATS:
-    """Give the lengths of (n, 3) velocities, m/s."""
-    lengths: FLOATS = np.sqrt(np.einsum("ij,ij->i", velocity_ned_m_s, velocity_ned_m_s))
-    return lengths
 
 
 class Fleet:
@@ -135,14 +122,10 @@ class Fleet:
         self._steps = 0
         if self.abroad is not None:
             self._cross(world, self.abroad)
-        self._near_walls: INDICES = np.arange(self.n)
         self._others = ~np.eye(self.n, dtype=bool)
-        self._counted = np.ones(self.n, dtype=bool)
         self._strangers = NO_STRANGERS
         self._sight_m = world.spec.sensors.range_max_m + MEETING_M
-        self._above_diagonal = np.triu(np.ones((self.n, self.n), dtype=bool), 1)
-        first, second = self._above_diagonal.nonzero()
-        self._near_pairs: tuple[INDICES, INDICES] = (first, second)
+        self._touch = Touch(world, self.dynamics, self.referee)
 
     def _build(
         self,
@@ -297,8 +280,8 @@ class Fleet:
         self.dynamics.step(self.step_s, self.wind.over(self.dynamics.on_ground))
         self._steps += 1
         if self._steps % 2 == 0:
-            self._touch_walls()
-        self._touch_one_another()
+            self._touch.walls()
+        self._touch.one_another(self._strangers_now(now))
         sensed = self._steps % self._steps_per_sample == 0
         if sensed:
             self._sample(now)
@@ -326,7 +309,10 @@ class Fleet:
         if self.abroad is not None:
             self.referee.separate(distances[airborne, self.n :][:, ~self._strangers.grounded])
         self.wind.blow(TICK_S)
-        self._find_near(distances)
+        self._touch.find_near(distances, self._strangers)
+
+    def _strangers_now(self, now: float) -> Strangers:
+        return NO_STRANGERS if self.abroad is None else self.abroad.strangers(now)
 
     def _look_around(self, position: FLOATS, now: float) -> tuple[FLOATS, FLOATS]:
         """Give all bodies that may be near, the own first, and how far they are from the own."""
@@ -405,74 +391,3 @@ class Fleet:
         self.readings.battery_fraction[:] = self.batteries.fraction
         self.readings.battery_voltage_v[:] = self.batteries.voltage_v
         self.readings.battery_current_a[:] = self.batteries.current_a
-
-    def _find_near(self, distances: FLOATS) -> None:
-        """Note who could touch something before the next tick; only they are checked each step."""
-        velocity = self.dynamics.velocity_ned_m_s
-        reach = REACH_S * speeds(velocity) + PARTED_M + 0.01
-        clearance = self.world.clearance(self.dynamics.position_ned_m)
-        (self._near_walls,) = (clearance < BODY_RADIUS_M + reach).nonzero()
-        meeting = reach
-        if self.abroad is not None:
-            theirs = REACH_S * speeds(self._strangers.velocity_ned_m_s)
-            meeting = np.concatenate((reach, theirs))
-        meet = distances < 2.0 * BODY_RADIUS_M + reach[:, None] + meeting
-        meet[:, : self.n] &= self._above_diagonal
-        first, second = meet.nonzero()
-        self._near_pairs = first, second
-
-    def _touch_walls(self) -> None:
-        """Stop at the surface whoever is pressed into a wall; it slides along."""
-        near, airborne = self._near_walls, ~self.dynamics.on_ground
-        can_touch = np.count_nonzero(airborne[near]) > 0
-        if not can_touch and not self.referee.is_wall_touched:
-            return
-        clearance = np.full(self.n, math.inf)
-        if can_touch:
-            clearance[near] = self.world.clearance(self.dynamics.position_ned_m[near])
-        self.referee.observe_walls(clearance, airborne)
-        (pressed,) = np.nonzero((clearance < BODY_RADIUS_M) & airborne)
-        if len(pressed):
-            self._push_out(pressed, clearance[pressed])
-
-    def _push_out(self, pressed: INDICES, clearance: FLOATS) -> None:
-        position = self.dynamics.position_ned_m[pressed]
-        probes = (position[:, None, :] + PROBES_M).reshape(-1, 3)
-        normal = self.world.clearance(probes).reshape(-1, 3) - clearance[:, None]
-        length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
-        normal /= np.maximum(length, 1e-9)[:, None]
-        self.dynamics.position_ned_m[pressed] += normal * (BODY_RADIUS_M - clearance)[:, None]
-        self.dynamics.stand(pressed[(normal[:, 2] < TOP) & self.dynamics.sinks(pressed)])
-        self.dynamics.stop_along(pressed, normal)
-
-    def _touch_one_another(self) -> None:
-        """Count who touches whom; the airborne of them are held apart."""
-        first, second = self._near_pairs
-        if not len(first):
-            self.referee.observe_pairs([], NO_GAPS_M, NOBODY)
-            return
-        position, grounded, here = self._bodies()
-        gap = position[second] - position[first]
-        distance = np.sqrt(np.einsum("ij,ij->i", gap, gap))
-        counts = ~(grounded[first] & grounded[second])
-        pairs = list(zip(first.tolist(), second.tolist(), strict=True))
-        self.referee.observe_pairs(pairs, distance, counts & here[second])
-        for pair in np.nonzero((distance < 2.0 * BODY_RADIUS_M) & counts)[0].tolist():
-            away = gap[pair : pair + 1] / max(distance[pair], 1e-9)
-            depth = 2.0 * BODY_RADIUS_M - distance[pair]
-            for index, direction in ((first[pair], -away), (second[pair], away)):
-                if index < self.n and not grounded[index]:
-                    self.dynamics.position_ned_m[index] += 0.5 * depth * direction[0]
-                    self.dynamics.stop_along(np.array([index]), direction)
-
-    def _bodies(self) -> tuple[FLOATS, BOOLS, BOOLS]:
-        """Give where all are now, who is on the ground, and whose contacts are counted here."""
-        body = self.dynamics
-        if self.abroad is None:
-            return body.position_ned_m, body.on_ground, self._counted
-        strangers = self.abroad.strangers(self._now)
-        return (
-            np.concatenate((body.position_ned_m, strangers.position_ned_m)),
-            np.concatenate((body.on_ground, strangers.grounded)),
-            np.concatenate((self._counted, strangers.counts_here)),
-        )

@@ -32,6 +32,8 @@ GUESS_S = 0.5
 class Strangers(NamedTuple):
     """Vehicles of other shards that are near, (q,) each, at one time."""
 
+    vehicles: INDICES
+    """Counted from 0 through the mission."""
     position_ned_m: FLOATS
     """(q, 3)."""
     velocity_ned_m_s: FLOATS
@@ -42,7 +44,11 @@ class Strangers(NamedTuple):
 
 
 NO_STRANGERS = Strangers(
-    np.empty((0, 3)), np.empty((0, 3)), np.empty(0, dtype=bool), np.empty(0, dtype=bool)
+    np.empty(0, dtype=np.intp),
+    np.empty((0, 3)),
+    np.empty((0, 3)),
+    np.empty(0, dtype=bool),
+    np.empty(0, dtype=bool),
 )
 
 
@@ -154,7 +160,8 @@ class Abroad:
         near = self._near
         grounded = (self._flags[near] & GROUNDED) > 0
         counts_here = self._shard[near] > self.part.shard
-        return Strangers(self._at(near, now), self._velocity_ned_m_s[near], grounded, counts_here)
+        place, velocity = self._at(near, now), self._velocity_ned_m_s[near]
+        return Strangers(near, place, velocity, grounded, counts_here)
 
     def group(
         self, position_ned_m: FLOATS, alive: BOOLS, loss: FLOATS, now: float
