@@ -116,19 +116,20 @@ class Guard:
     def _walls(self, motion: Motion, ranges_m: Sequence[float]) -> list[Constraint]:
         """Bound the speed along each beam that ends at a near wall, two opposite ones at once."""
         kept: list[Constraint] = []
-        (vx, vy, vz), response_s = motion.velocity_ned_m_s, self._response_s + motion.late_s
-        far_m = self._far_m + response_s * math.sqrt(vx * vx + vy * vy + vz * vz)
+        vx, vy, vz = motion.velocity_ned_m_s
+        far_m = self._far_m + (self._response_s + motion.late_s) * math.sqrt(
+            vx * vx + vy * vy + vz * vz
+        )
         north, east = math.cos(motion.yaw_rad), math.sin(motion.yaw_rad)
         axes = ((north, east, 0.0), (east, -north, 0.0), (0.0, 0.0, -1.0))  # front, left, up
         for index, (x, y, z) in enumerate(axes):
             one_m, other_m = ranges_m[2 * index : 2 * index + 2]
             if one_m > far_m and other_m > far_m:
                 continue
-            flown_m = response_s * (vx * x + vy * y + vz * z)
-            braking = VERTICAL_BRAKING_M_S2 if z else self._braking
+            flown_m = self._flown_m(motion, x, y, z)
             one, other = _between(
-                self._to_wall(one_m, max(0.0, flown_m), braking),
-                self._to_wall(other_m, max(0.0, -flown_m), braking),
+                self._to_wall(one_m, max(0.0, flown_m), z),
+                self._to_wall(other_m, max(0.0, -flown_m), z),
             )
             if one < self._top:
                 kept.append(Constraint(x, y, z, one))
@@ -136,12 +137,22 @@ class Guard:
                 kept.append(Constraint(-x, -y, -z, other))
         return kept + self._pillars(motion, ranges_m, far_m)
 
-    def _to_wall(self, distance_m: float, flown_m: float, braking: float) -> float:
+    def _flown_m(self, motion: Motion, x: float, y: float, z: float) -> float:
+        """Give how far the vehicle flies along a direction before it begins to obey, m."""
+        vx, vy, vz = motion.velocity_ned_m_s
+        return (self._response_s + motion.late_s) * (vx * x + vy * y + vz * z)
+
+    def _room(self, left_m: float, z: float) -> float:
+        """Give the largest speed towards a wall along a direction that is level unless `z`, m/s."""
+        braking = VERTICAL_BRAKING_M_S2 if z else self._braking
+        return wall_limit(left_m, self._limits.wall_m, braking)
+
+    def _to_wall(self, distance_m: float, flown_m: float, z: float) -> float:
         """Give the largest speed towards a wall, m/s, of who flies on for `flown_m`.
 
         Who is blown on towards a wall that is too near already is told to leave it the faster.
         """
-        room = wall_limit(distance_m - flown_m, self._limits.wall_m, braking)
+        room = self._room(distance_m - flown_m, z)
         return max(room - flown_m, -PUSH_M_S) if room < 0.0 else room
 
     def _pillars(self, motion: Motion, ranges_m: Sequence[float], far_m: float) -> list[Constraint]:
@@ -151,7 +162,6 @@ class Guard:
         than CRAWL_M_S is stopped in time by the beam that it is in at last: doors have pillars.
         """
         kept: list[Constraint] = []
-        (vx, vy, _), response_s = motion.velocity_ned_m_s, self._response_s + motion.late_s
         north, east = HALF * math.cos(motion.yaw_rad), HALF * math.sin(motion.yaw_rad)
         front_m, back_m, left_m, right_m = ranges_m[:4]
         for ahead_m, aside_m, x, y in (
@@ -162,20 +172,17 @@ class Guard:
         ):
             farther_m = max(ahead_m, aside_m)
             if farther_m <= far_m:
-                left = farther_m - response_s * max(0.0, vx * x + vy * y)
-                room = wall_limit(left, PRESSED * self._limits.wall_m, self._braking)
+                left_m = farther_m - max(0.0, self._flown_m(motion, x, y, 0.0))
+                room = wall_limit(left_m, PRESSED * self._limits.wall_m, self._braking)
                 if room < self._top:
                     kept.append(Constraint(x, y, 0.0, max(CRAWL_M_S, room)))
         return kept
 
     def _remembered(self, motion: Motion, walls: Sequence[Remembered]) -> list[Constraint]:
         """Bound the speed towards walls that nobody sees any more; they do not push."""
-        (vx, vy, vz), response_s = motion.velocity_ned_m_s, self._response_s + motion.late_s
         kept = []
         for (x, y, z), distance_m in walls:
-            flown_m = response_s * max(0.0, vx * x + vy * y + vz * z)
-            braking = VERTICAL_BRAKING_M_S2 if z else self._braking
-            room = wall_limit(distance_m - flown_m, self._limits.wall_m, braking)
+            room = self._room(distance_m - max(0.0, self._flown_m(motion, x, y, z)), z)
             kept.append(Constraint(x, y, z, max(0.0, room)))
         return kept
 
