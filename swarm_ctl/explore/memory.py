@@ -22,7 +22,7 @@ from swarm_ctl.explore.kernels import (
     Grid,
 )
 
-MARGIN_CELLS = 32
+MARGIN_CELLS = 8
 """How far beyond what is needed the map grows, so that it seldom grows."""
 MOST_CELLS = 1 << 25
 """A map larger than this is somebody's mistake; what lies outside is not remembered."""
