@@ -87,7 +87,7 @@ class Message:
         self.id: int = table.id
         self.name: str = table.msgname
         self.fields: tuple[str, ...] = tuple(table.fieldnames)
-        self._wire_order = [
+        self.wire_order: list[Field] = [
             Field(*field)
             for field in zip(
                 table.ordered_fieldnames,
@@ -96,13 +96,15 @@ class Message:
                 strict=True,
             )
         ]
+        """The fields as they are sent."""
         # pymavlink gives defaults to extensions, and to the one constant of the dialect.
         has_default = len(table.__init__.__defaults__ or ()) - ("mavlink_version" in self.fields)
         self._base_count = len(self.fields) - has_default
-        self._format = "".join(field.format for field in self._wire_order)
+        self._format = "".join(field.format for field in self.wire_order)
         self._size = struct.calcsize("<" + self._format)
         self._wire_indices = [table.ordered_fieldnames.index(name) for name in self.fields]
-        self._declared = [self._wire_order[index] for index in self._wire_indices]
+        self.declared = [self.wire_order[index] for index in self._wire_indices]
+        """The same fields in the order in which `pack` takes them."""
 
     def __repr__(self) -> str:
         return f"message({self.name!r})"
@@ -119,14 +121,14 @@ class Message:
         Numbers are as on the wire; extensions at the end may be left out. Text that is too long
         is cut. ValueError names the field of any other value that does not fit.
         """
-        return self._packer(V2, self.id.to_bytes(3, "little"), self._wire_order)
+        return self._packer(V2, self.id.to_bytes(3, "little"), self.wire_order)
 
     @cached_property
     def pack_v1(self) -> Callable[..., bytes]:
         """Make a MAVLink 1 frame, as `pack` does; extensions stay out of it."""
         if self.id > 0xFF:
             raise ValueError(f"{self.name} has id {self.id}, and MAVLink 1 ends at 255")
-        return self._packer(V1, self.id, self._wire_order[: self._base_count])
+        return self._packer(V1, self.id, self.wire_order[: self._base_count])
 
     @cached_property
     def read(self) -> Read:
@@ -135,8 +137,8 @@ class Message:
         The whole frame, its signature as well if it has one, is passed on as `raw`. A wrong CRC,
         or flags we do not know, give None; a payload longer than ours raises struct's error.
         """
-        slots = "".join(f"{s}, " for i, f in enumerate(self._wire_order) for s in f.slots(i))
-        fields = ", ".join(self._wire_order[i].unpacking(i) for i in self._wire_indices)
+        slots = "".join(f"{s}, " for i, f in enumerate(self.wire_order) for s in f.slots(i))
+        fields = ", ".join(self.wire_order[i].unpacking(i) for i in self._wire_indices)
         source = _READ_SOURCE.format(
             unpacking=_WHOLE_FRAME.format(size=self._size + 12, slots=slots),
             result=f"new(Frame, (sysid, compid, seq, {self.id}, new(values, ({fields},)), raw))",
@@ -162,10 +164,10 @@ class Message:
 
     def _packer(self, magic: int, number: int | bytes, fields: list[Field]) -> Callable[..., bytes]:
         """Generate a pack function; the variable of the field declared i-th is v<i>."""
-        names = {field.name: f"v{i}" for i, field in enumerate(self._declared)}
+        names = {field.name: f"v{i}" for i, field in enumerate(self.declared)}
         parameters = [
             names[field.name] + (f"={field.default}" if i >= self._base_count else "")
-            for i, field in enumerate(self._declared)
+            for i, field in enumerate(self.declared)
         ]
         prepared = (field.preparing(names[field.name], i) for i, field in enumerate(fields))
         arguments = ", ".join(
@@ -206,7 +208,7 @@ class Message:
 
     def _blame(self, values: Sequence[Any]) -> ValueError:
         """Find the field that does not fit."""
-        for field, value in zip([*HEADER_FIELDS, *self._declared], values, strict=True):
+        for field, value in zip([*HEADER_FIELDS, *self.declared], values, strict=True):
             try:
                 field.check(value)
             except PACK_ERRORS as error:
