@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from pathlib import Path
+
+import machine
 
 from swarm_ctl.experiment.batch import Case, Field, has_numba, simulate
 from swarm_ctl.explore.planner import PlannerParams
@@ -61,8 +62,7 @@ def main() -> None:
     print(f"{'case':24} {'M/s':>8} {'target':>8}")
     for name, value in figures.items():
         print(f"{name:24} {value:8.2f} {TARGETS.get(name, ''):>8}")
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    machine.write(options.json, figures)
 
 
 if __name__ == "__main__":

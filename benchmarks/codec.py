@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import json
-import platform
 import time
 from dataclasses import asdict, astuple, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
 
+import machine
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl import wire
+from swarm_ctl.wire import batch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 SEQS = range(256)
+FLEETS = (10, 100, 250)
 HOT: dict[str, tuple[Any, ...]] = {
     "HEARTBEAT": (2, 12, 209, 0x60000, 4, 3),
     "ATTITUDE": (123456, 0.01, -0.02, 1.57, 0.1, -0.1, 0.05),
@@ -46,14 +47,14 @@ class Row:
     pymavlink_parse_us: float
 
 
-def cpu_us(run: Callable[[], object], repeats: int) -> float:
-    """Give the median CPU time per message of a function that handles one message per seq."""
+def cpu_us(run: Callable[[], object], repeats: int, messages: int = len(SEQS)) -> float:
+    """Give the median CPU time per message of a function that handles so many at once."""
     times = []
     for _ in range(repeats):
         start = time.process_time_ns()
         run()
         times.append(time.process_time_ns() - start)
-    return median(times) / len(SEQS) / 1000
+    return median(times) / messages / 1000
 
 
 def our_pack(name: str) -> Callable[[], None]:
@@ -104,15 +105,41 @@ def measure(name: str, repeats: int = 60) -> Row:
     )
 
 
-def machine() -> dict[str, str]:
-    """Name what the figures were measured on."""
-    names = ("pymavlink", "fastcrc")
-    return {
-        "python": platform.python_version(),
-        "system": platform.platform(),
-        "machine": platform.machine(),
-        **{name: version(name) for name in names},
-    }
+@dataclass(frozen=True)
+class FleetRow:
+    """Median CPU microseconds per message, encoded for a whole fleet at once."""
+
+    name: str
+    vehicles: int
+    compiled_us: float | None
+    """None where numba is not installed."""
+    plain_us: float
+
+
+def measure_fleet(name: str, vehicles: int, repeats: int = 60) -> FleetRow:
+    """Measure the frames of many vehicles at once, made of columns of the wire's own types."""
+    message = wire.message(name)
+    seqs = (np.arange(vehicles) & 0xFF).astype(np.uint8)
+    fleet = batch.Batch(message, np.arange(vehicles) % 255 + 1, 1)
+    columns = [
+        np.array([value] * vehicles, f"<{field.code}")
+        for field, value in zip(message.declared, HOT[name], strict=True)
+    ]
+
+    def run() -> None:
+        fleet.pack(seqs, *columns)
+
+    costs_us = []
+    for finish in batch.FINISHERS:
+        batch.finish = finish
+        run()  # which may have to be compiled
+        costs_us.append(cpu_us(run, repeats, vehicles))
+    return FleetRow(name, vehicles, costs_us[0] if is_compiled() else None, costs_us[-1])
+
+
+def is_compiled() -> bool:
+    """Tell whether numba is installed."""
+    return batch.FINISHERS[0] is not batch.finish_plainly
 
 
 def mean(rows: list[Row]) -> Row:
@@ -132,17 +159,28 @@ def table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
+def fleet_table(rows: list[FleetRow]) -> str:
+    """Lay the rows of fleets out for reading."""
+    lines = [f"{'us of CPU per message, at once':31}{'fleet':>5}{'numba':>8}{'numpy':>8}"]
+    for row in rows:
+        compiled = "-" if row.compiled_us is None else f"{row.compiled_us:.2f}"
+        lines.append(f"{row.name:31}{row.vehicles:5}{compiled:>8}{row.plain_us:8.2f}")
+    return "\n".join(lines)
+
+
 def main() -> None:
-    """Measure the hot messages and print a table."""
+    """Measure the hot messages and print tables; `--json FILE` writes the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there as well")
-    path: Path | None = parser.parse_args().json
+    options = parser.parse_args()
     rows = [measure(name) for name in HOT]
-    print(", ".join(f"{name} {value}" for name, value in machine().items()))
     print(table(rows))
-    if path:
-        result = {"machine": machine(), "rows": [asdict(row) for row in rows]}
-        path.write_text(json.dumps(result, indent=2) + "\n")
+    fleets = [measure_fleet(name, vehicles) for vehicles in FLEETS for name in HOT]
+    print(fleet_table(fleets))
+    machine.write(
+        options.json,
+        {"single": [asdict(row) for row in rows], "fleet": [asdict(r) for r in fleets]},
+    )
 
 
 if __name__ == "__main__":

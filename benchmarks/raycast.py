@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import machine
 import numpy as np
 from numpy.typing import NDArray
 
@@ -86,8 +86,7 @@ def main() -> None:
     print(f"{RAYS} rays, {RANGE_M:g} m; medians\n{'case':24} {'ms':>8} {'target':>8}")
     for name, value in figures.items():
         print(f"{name:24} {value:8.3f} {TARGETS_MS.get(name, ''):>8}")
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    machine.write(options.json, figures)
 
 
 if __name__ == "__main__":

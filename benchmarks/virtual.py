@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections import defaultdict
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import Any
+
+import machine
 
 from mock_vehicle.fleet import Fleet
 from swarm_ctl.agent.agent import Agent
@@ -90,15 +91,6 @@ def fly(mission: Mission, split: Split | None) -> tuple[float, float]:
     return (built_s - began_s) * 1e3, mission.vehicles * FLOWN_S / flown_s
 
 
-def calibrate() -> float:
-    """Time a fixed piece of Python, ms: how fast this machine is at the moment."""
-    began_s = time.process_time()
-    values = list(range(100))
-    for _ in range(2000):
-        sum([value * value for value in values])
-    return (time.process_time() - began_s) * 1e3
-
-
 def main() -> None:
     """Print a line per case; `--parts` says where the time goes, `--json FILE` writes the rates."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -119,13 +111,12 @@ def main() -> None:
         figures[f"{mission.name} {vehicles} {planner}"] = rate
         print(f"{mission.name:12} {vehicles:4} {planner:8} {rate:6.0f} vehicle-s per CPU-s", end="")
         print(f" ({rate / vehicles:.0f} times real time; {built_ms:.0f} ms to build, ", end="")
-        print(f"calibration {calibrate():.1f} ms)", flush=True)
+        print(f"calibration {1e3 * machine.calibrate_s():.1f} ms)", flush=True)
         for part, spent_s in split.ranked() if split else ():
             print(
                 f"    {part:12} {spent_s * 1e6 / (vehicles * FLOWN_S):6.0f} us per vehicle-second"
             )
-    if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    machine.write(arguments.json, figures)
 
 
 if __name__ == "__main__":

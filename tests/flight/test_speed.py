@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import statistics
-import struct
 import time
 from pathlib import Path
 
-import numpy as np
+import machine
 import pytest
 
 from swarm_ctl.experiment.arena import Arena
 from swarm_ctl.mission import load_mission
-from swarm_ctl.model import Vec3
 from swarm_ctl.record.unrecorded import Unrecorded
 
 MISSION = Path(__file__).parents[2] / "missions" / "open_3d.yaml"
@@ -22,32 +20,16 @@ USUAL = {"explore": 1.1, "lf-pso": 0.95}
 MOST = 1.3
 
 
-def calibrate_s() -> float:
-    """Time what flights are made of: calls, tuples, dictionaries, struct, arrays of three."""
-    layout = struct.Struct("<IfffffBB")
-    table: dict[int, float] = {}
-    began_s = time.process_time()
-    for turn in range(1500):
-        data = layout.pack(turn, 1.0, 2.0, 3.0, 0.5, 0.25, 1, 2)
-        _, x, y, z, *_ = layout.unpack(data)
-        place = Vec3(x + turn, y, z)._replace(z=max(z, 0.5))
-        doubled = [value * 2.0 for value in place]
-        table[turn % 100] = sum(doubled)
-    for _ in range(60):
-        np.sqrt(np.einsum("ij,ij->i", ways := np.ones((10, 3)), ways))
-    return time.process_time() - began_s
-
-
 @pytest.mark.parametrize("planner", USUAL)
 def test_a_second_of_flight_costs_no_third_more_than_it_did(planner: str) -> None:
     arena = Arena(load_mission(MISSION, vehicles=VEHICLES, planner=planner), Unrecorded())
     arena.fly(until_s=CLIMB_S)
     costs = []
     for second in range(1, FLOWN_S + 1):
-        unit_s = calibrate_s()
+        unit_s = machine.calibrate_s()
         began_s = time.process_time()
         arena.fly(until_s=CLIMB_S + second)
         spent_s = time.process_time() - began_s
-        costs.append(spent_s / VEHICLES / (0.5 * (unit_s + calibrate_s())))
+        costs.append(spent_s / VEHICLES / (0.5 * (unit_s + machine.calibrate_s())))
     cost = statistics.median(costs)
     assert cost < MOST * USUAL[planner], f"{cost:.2f} calibrations per vehicle-second"

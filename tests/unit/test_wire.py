@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import struct
-import sys
-from pathlib import Path
 from statistics import median
 from typing import Any
 
+import codec
 import numpy as np
 import pytest
 from fastcrc.crc16 import mcrf4xx
@@ -441,23 +439,10 @@ def test_any_payload_decodes(index: int, payload: bytes) -> None:
     assert len(one.unpack(payload)) == len(one.fields)
 
 
-def codec_benchmark() -> Any:
-    """Load the benchmark, whose messages and clocks the next test shares."""
-    path = Path(__file__).parents[2] / "benchmarks" / "codec.py"
-    spec = importlib.util.spec_from_file_location("codec_benchmark", path)
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_it_is_far_faster_than_pymavlink() -> None:
-    bench = codec_benchmark()
     packs, parses = [], []
     for _ in range(7):
-        rows = [bench.measure(name, repeats=5) for name in bench.HOT]
+        rows = [codec.measure(name, repeats=5) for name in codec.HOT]
         packs.append(sum(row.pymavlink_pack_us for row in rows) / sum(row.pack_us for row in rows))
         parses.append(
             sum(row.pymavlink_parse_us for row in rows) / sum(row.parse_us for row in rows)
