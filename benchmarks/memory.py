@@ -26,7 +26,7 @@ from swarm_ctl.mission import Mission, load_mission
 from swarm_ctl.record.unrecorded import Unrecorded
 
 HALL = Path(__file__).parent.parent / "missions" / "open_3d.yaml"
-FLEETS, FLOWN_S = (10, 60), 60.0
+FLEETS, FLOWN_S = (5, 30), 40.0
 PAGE_KB = os.sysconf("SC_PAGE_SIZE") / 1000.0
 LOOKS = 10
 

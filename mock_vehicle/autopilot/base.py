@@ -57,6 +57,8 @@ TUNNEL_ID = wire.message("TUNNEL").id
 ACK_ID = wire.message("COMMAND_ACK").id
 STATUSTEXT = wire.message("STATUSTEXT")
 TEXT_LENGTH = 50
+SETPOINTS_KEPT = 3_000
+"""Five minutes at 10 Hz."""
 DENIED = int(Reception.DENIED)
 GOLDEN = 0.618
 """Its multiples, modulo 1, are far from one another, however many they are."""
@@ -141,8 +143,8 @@ class Autopilot(Personality):
         self.manoeuvre = self.traits.modes[self.mode].manoeuvre
         self.setpoint = STOP
         self.setpoint_at = -math.inf
-        self.setpoint_times: deque[float] = deque(maxlen=10_000)
-        """Arrivals of accepted setpoints."""
+        self.setpoint_times: deque[float] = deque(maxlen=SETPOINTS_KEPT)
+        """Arrivals of accepted setpoints, the latest of them."""
         self.takeoff_height_m = self.traits.takeoff_height_m
         self.hold_at: Vector | None = None
         """Place that the manoeuvre keeps to, once it has one."""

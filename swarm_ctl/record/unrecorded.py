@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from typing import Protocol
 
-from swarm_ctl.model import Event
+from swarm_ctl.model import Event, Vec3
 from swarm_ctl.record.flight_journal import FlightJournal, Story
 from swarm_ctl.record.folder import RunHash
 from swarm_ctl.record.paths import PathRecorder
@@ -103,10 +105,27 @@ class Unrecorded:
 
     def waypoints(self, sysid: int) -> PathRecorder:
         """Give a vehicle's path in memory: its length is part of what a flight results in."""
-        return self._paths.setdefault(sysid, PathRecorder(sysid))
+        return self._paths.setdefault(sysid, _PathLength(sysid))
 
     def tick(self, now: float) -> None:
         """Do nothing."""
+
+
+class _PathLength(PathRecorder):
+    """A path that keeps its length, to the millimetre of its waypoints, and none of them."""
+
+    def __init__(self, sysid: int) -> None:
+        super().__init__(sysid)
+        self._before: Vec3 | None = None
+
+    def visited(self, time_s: float, position: Vec3, peers: Iterable[int]) -> None:  # noqa: ARG002
+        """Add the way from the last one."""
+        if self._before is not None:
+            self.length_m += math.dist(self._before, position)
+        self._before = Vec3(*(round(float(metres), 3) for metres in position))
+
+    def target(self, time_s: float, position: Vec3) -> None:
+        """Forget it."""
 
 
 class _Nothing:

@@ -38,7 +38,12 @@ def test_a_flight_is_the_same_whether_it_is_written_down_or_not(
 ) -> None:
     recorded, other = launch(faults=FAULTS), Unrecorded(hashed=True)
     recorded.fly(SECONDS)
-    fly(tmp_path, other)
+    unwritten = fly(tmp_path, other)
+    lengths_m = [
+        [controller.result().path_length_m for controller in arena.controllers]
+        for arena in (recorded.arena, unwritten)
+    ]
+    assert lengths_m[0] == lengths_m[1] > [0.0]
     assert other.hash.hexdigest() == recorded.folder.hash.hexdigest()
     assert recorded.agent(2).phase is Phase.FAILED
 
