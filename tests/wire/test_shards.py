@@ -37,7 +37,12 @@ class Shards:
         shards = ",".join(f"{host}:{port}" for host, port in self.addresses)
         self._words = (world, "--vehicles", vehicles, "--shards", shards, "--port", 0)
         self.mocks = [self.begin(1), self.begin(2)]
+        self.ready: list[dict[str, Any]] = []
+
+    def wait(self) -> Shards:
+        """Wait until the vehicles' ports are open."""
         self.ready = [mock.line()["ready"] for mock in self.mocks]
+        return self
 
     def begin(self, shard: int) -> Mock:
         """Start one of them."""
@@ -74,7 +79,7 @@ def shards(
         mission = hall(vehicles=vehicles, world={"starts": STARTS})
         ports = (free_udp_port, free_udp_port)
         begun.append(Shards(mission.parent / "world.yaml", tmp_path, vehicles, ports, **how))
-        return begun[-1]
+        return begun[-1].wait()
 
     yield begin
     for both in begun:
