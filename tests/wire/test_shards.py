@@ -95,6 +95,7 @@ def test_two_shards_fly_one_mission_and_hear_each_other(
     assert [one["sysids"] for one in both.ready] == [[1, 2], [3, 4]]
     options = (*both.links(), "--sysid", 1, "--speed", SPEED)
     flight = swarm_ctl_run(tmp_path / "hall.yaml", *options, command="fly")
+    flight.process.wait(timeout=90.0)  # half of the mission's 30 s, unless the machine is busy
     code, _, complaints = flight.end()
     assert (code, complaints) == (0, "")
     summary = json.loads((flight.out / "summary.json").read_text())
