@@ -113,7 +113,10 @@ def fly(vehicles: int, planner: str) -> dict[str, Any]:
         "setpoint_jitter_p99_ms": max(one["setpoint_jitter_p99_ms"] for one in summaries),
         "setpoint_late_fraction": max(one["setpoint_late_fraction"] for one in summaries),
         "mock_late_fraction": max(one["mock_late_fraction"] for one in summaries),
-        "dropped": sum(one["datagrams_unsent"] + one["mock_dropped"] for one in summaries),
+        "dropped": sum(
+            one["datagrams_unsent"] + one["datagrams_unheard"] + one["mock_dropped"]
+            for one in summaries
+        ),
         "lost": sum(one["messages_lost"] for one in summaries),
         "contacts": sum(one["collisions"] for one in summaries),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from collections import deque
 from collections.abc import Callable
 
 from swarm_ctl.agent.agent import Agent
@@ -19,6 +20,8 @@ TICK_S = 0.1
 """Mission time between two decisions and two setpoints."""
 LATE_S = 0.02
 """Mission time after which a tick that has not begun has missed its deadline."""
+WAITING_MAX = 1000
+"""Datagrams that wait for the next tick; the oldest of more are dropped."""
 KILLED = "its controller was killed"
 
 
@@ -43,6 +46,8 @@ class Controller:
         """Those of them that began late, or not at all."""
         self.unsent = 0
         """Datagrams that did not leave: nobody to send to yet, or a full buffer."""
+        self.unheard = 0
+        """Datagrams that arrived and were dropped: too many waited for a tick."""
 
     def _take_over(self) -> Diary:
         """Go on where an earlier process was killed, if there was one."""
@@ -136,6 +141,7 @@ class Controller:
             ticks_due=self.ticks_due,
             ticks_late=self.ticks_late,
             unsent=self.unsent,
+            unheard=self.unheard,
         )
 
 
@@ -168,27 +174,27 @@ async def fly(
 
     Deadlines are absolute, so ticks do not drift; a tick that was missed is left out, so a
     process that stalled does not send a burst of stale setpoints. `offset_s` spreads vehicles.
+    What arrives waits for the tick, with the time of its arrival: decisions are made there, and
+    were each datagram read at once, who serves many would keep other vehicles' ticks waiting.
     Each tick, and when all is over, `tell` is told of the agent and how its vehicle is reached.
     """
-    broken: list[Exception] = []
+    waiting: deque[tuple[bytes, Source, float]] = deque(maxlen=WAITING_MAX)
 
     def hear(data: bytes, source: Source) -> None:
-        try:
-            if not broken:
-                take = controller.overhear if source == MESH else controller.receive
-                take(data, clock.now())
-        except Exception as error:  # noqa: BLE001 - raised where this vehicle's task can end by it
-            broken.append(error)
+        controller.unheard += len(waiting) == WAITING_MAX
+        waiting.append((data, source, clock.now()))
 
     link.watch(hear)
     try:
         due_s = clock.now() + offset_s
         while not controller.agent.is_ended:
             await clock.sleep_until(due_s)
-            if broken:
-                raise broken[0]  # noqa: TRY301 - here, where this vehicle's task ends by it
             now = clock.now()
             left_out = controller.keep_time(now - due_s)
+            while waiting:
+                data, source, arrived_s = waiting.popleft()
+                take = controller.overhear if source == MESH else controller.receive
+                take(data, arrived_s)
             data = controller.tick(now)
             if data:
                 controller.unsent += not link.send(data)

@@ -29,7 +29,8 @@ class Trail:
         self.marks: list[Vec3] = []
         """Where a cell was entered, in order: marked again, they give the same trail."""
         self._places: dict[Cell, Vec3] = {}
-        self._joined: dict[Cell, set[Cell]] = {}
+        self._joined: dict[Cell, tuple[Cell, ...]] = {}
+        """A few each, for whom a set is four times as large."""
         self._came_from: dict[Cell, Cell] = {}
         """The next cell on the way home from each; empty when that has to be found anew."""
         self._steps: dict[Cell, int] = {}
@@ -45,7 +46,7 @@ class Trail:
         is_new = cell not in self._places
         if is_new:
             self._places[cell] = position_ned_m
-            self._joined[cell] = set()
+            self._joined[cell] = ()
         if self._here is not None and self._here not in self._joined[cell]:
             self._join(cell, self._here, is_new=is_new)
         self._here = cell
@@ -58,8 +59,8 @@ class Trail:
 
     def _join(self, cell: Cell, before: Cell, *, is_new: bool) -> None:
         """Join two cells; ways home stay as they are unless the two were not equally far away."""
-        self._joined[cell].add(before)
-        self._joined[before].add(cell)
+        self._joined[cell] += (before,)
+        self._joined[before] += (cell,)
         if not self._came_from:
             return
         if is_new:

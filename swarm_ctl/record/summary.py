@@ -65,6 +65,8 @@ class VehicleResult:
     """Those that began late, or not at all."""
     unsent: int = 0
     """Datagrams of its controller that did not leave."""
+    unheard: int = 0
+    """Datagrams for its controller that were dropped."""
 
 
 def summarise(
@@ -114,6 +116,7 @@ def summarise(
         "messages_received": sum(one.messages_received for one in results),
         "messages_lost": sum(one.messages_lost for one in results),
         "datagrams_unsent": sum(one.unsent for one in results),
+        "datagrams_unheard": sum(one.unheard for one in results),
         "run_sha256": run_sha256,
         "notes": [
             *notes,
@@ -384,6 +387,7 @@ def _pace(summary: Mapping[str, Any]) -> Text | None:
             ("setpoint_late_fraction", "{:.2%} of the setpoints late"),
             ("mock_late_fraction", "{:.2%} of the mock's steps late"),
             ("datagrams_unsent", "{:,} datagrams did not leave"),
+            ("datagrams_unheard", "{:,} datagrams were dropped unread"),
             ("mock_dropped", "the mock dropped {:,} frames"),
         )
         if summary[key]

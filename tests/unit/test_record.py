@@ -350,7 +350,19 @@ def office_truth(run: Path, *, seed: int = 1, vehicles: int = 10, is_volume: boo
 
 FLOWN = [
     VehicleResult(
-        1, "done", "", 600, 9000, 2, [1], 5.0, 65.0, ticks_due=800, ticks_late=4, unsent=1
+        1,
+        "done",
+        "",
+        600,
+        9000,
+        2,
+        [1],
+        5.0,
+        65.0,
+        ticks_due=800,
+        ticks_late=4,
+        unsent=1,
+        unheard=5,
     ),
     VehicleResult(2, "done", "", 600, 9000, 0, [], 6.0, 66.0),
     VehicleResult(
@@ -386,6 +398,7 @@ def test_a_summary_joins_the_controllers_with_the_truth(tmp_path: Path) -> None:
     assert (summary["victims_found"], summary["victims_total"], summary["collisions"]) == (2, 3, 0)
     assert (summary["messages_sent"], summary["messages_lost"]) == (1700, 3)
     assert (summary["setpoint_late_fraction"], summary["datagrams_unsent"]) == (0.005, 1)
+    assert summary["datagrams_unheard"] == 5
     assert (summary["mock_late_fraction"], summary["mock_dropped"]) == (0.015, 7)
     assert (summary["duration_s"], summary["wall_s"], summary["exploration_s"]) == (
         90.0,
@@ -482,7 +495,7 @@ def test_the_report_speaks_plain_words(tmp_path: Path) -> None:
         "flown  820 m in all, 0.0412 kWh",
         "1,700 sent, 3 lost",
         "pace  0.50% of the setpoints late; 1.50% of the mock's steps late; ",
-        "1 datagrams did not leave; the mock dropped 7 frames",
+        "1 datagrams did not leave; 5 datagrams were dropped unread; the mock dropped 7 frames",
         "90 s of mission in 22 s (4.0 times real time)",
         "• vehicle 3: nothing heard from its autopilot since 61.2 s",
     ):

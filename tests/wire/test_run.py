@@ -32,7 +32,7 @@ SUMMARY_KEYS = {
     *("wall_s", "coverage_fraction", "victims_found", "victims_total", "collisions"),
     *("min_separation_m", "path_length_m", "energy_kwh", "setpoint_jitter_p99_ms"),
     *("messages_sent", "messages_lost", "run_sha256", "setpoint_late_fraction"),
-    *("mock_late_fraction", "mock_dropped", "datagrams_unsent"),
+    *("mock_late_fraction", "mock_dropped", "datagrams_unsent", "datagrams_unheard"),
 }
 PICTURES = {"coverage.png", "coverage_map.png", "paths.png", "contacts.png"}
 
