@@ -45,7 +45,7 @@ class Controller:
         self.ticks_late = 0
         """Those of them that began late, or not at all."""
         self.unsent = 0
-        """Datagrams that did not leave: nobody to send to yet, or a full buffer."""
+        """Datagrams that did not leave, though somebody had been heard: a full buffer."""
         self.unheard = 0
         """Datagrams that arrived and were dropped: too many waited for a tick."""
 
@@ -196,8 +196,8 @@ async def fly(
                 take = controller.overhear if source == MESH else controller.receive
                 take(data, arrived_s)
             data = controller.tick(now)
-            if data:
-                controller.unsent += not link.send(data)
+            if data and not link.send(data):
+                controller.unsent += controller.agent.parser.stats.frames > 0
             tell(controller.agent, link.reach())
             due_s += TICK_S * (1 + left_out)
     except Exception:
