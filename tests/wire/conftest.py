@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import contextlib
 import os
+import select
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -48,6 +50,21 @@ def peers_url(request: pytest.FixtureRequest) -> str:
         return NETWORKS[request.param].format(request.getfixturevalue("free_udp_port"))
     url: str = request.getfixturevalue("broker").url
     return url
+
+
+@pytest.fixture
+def end_guardians(processes: Callable[[str], list[int]]) -> Callable[[], None]:
+    """Give a function that kills those who look after the killed, and waits until they are gone."""
+
+    def end() -> None:
+        for pid in processes("swarm_ctl.run.guardian"):
+            with contextlib.suppress(ProcessLookupError):  # it has just ended by itself
+                handle = os.pidfd_open(pid)
+                signal.pidfd_send_signal(handle, signal.SIGKILL)
+                select.select([handle], [], [], 5.0)
+                os.close(handle)
+
+    return end
 
 
 @pytest.fixture

@@ -110,7 +110,7 @@ class Pad:
 
 
 @pytest.fixture
-def pad(tmp_path: Path, processes: Callable[[str], list[int]]) -> Iterator[Callable[..., Pad]]:
+def pad(tmp_path: Path, end_guardians: Callable[[], None]) -> Iterator[Callable[..., Pad]]:
     pads: list[Pad] = []
 
     def build(vehicles: int = 2, autopilot: str = "mixed", **changes: Any) -> Pad:
@@ -123,8 +123,7 @@ def pad(tmp_path: Path, processes: Callable[[str], list[int]]) -> Iterator[Calla
             process.kill()
             process.communicate()
         one.mock.end()
-    for pid in processes("swarm_ctl.run.guardian"):  # which look after the killed for 10 s
-        os.kill(pid, signal.SIGKILL)
+    end_guardians()  # which look after the killed for 10 s
 
 
 Build = Callable[..., Pad]
@@ -190,7 +189,7 @@ OFFBOARD = {"OFFBOARD", "GUIDED"}
 
 @pytest.mark.mock_vehicle(autopilot="mixed", vehicles=2, rates="lean", signing_key=KEY)
 def test_vehicles_hover_while_their_controllers_hang_or_are_dead(
-    mock_swarm: RealSwarm, tmp_path: Path, processes: Callable[[str], list[int]]
+    mock_swarm: RealSwarm, tmp_path: Path, end_guardians: Callable[[], None]
 ) -> None:
     key, mission = tmp_path / "key", tmp_path / "roam.yaml"
     key.write_text(KEY)
@@ -219,8 +218,7 @@ def test_vehicles_hover_while_their_controllers_hang_or_are_dead(
                 process.send_signal(signal.SIGCONT)
         finally:
             process.kill()
-            for pid in processes("swarm_ctl.run.guardian"):
-                os.kill(pid, signal.SIGKILL)
+            end_guardians()
 
 
 def test_the_guardian_speaks_from_the_port_that_a_dead_controller_had() -> None:
