@@ -24,11 +24,11 @@ from typing import Any
 import machine
 import yaml
 
+from swarm_ctl.mission import VEHICLES_MAX
+
 SQUARE_M2 = 12.0
 """Of the hall, for each vehicle."""
 CLIMB_S, FLOWN_S = 20.0, 20.0
-MOST = 250
-"""Vehicles of one network."""
 TICK_HZ = os.sysconf("SC_CLK_TCK")
 PAGE_KB = os.sysconf("SC_PAGE_SIZE") / 1024.0
 
@@ -78,7 +78,7 @@ def started(vehicles: int, planner: str) -> Iterator[tuple[subprocess.Popen[byte
 
 def fly(vehicles: int, planner: str) -> dict[str, Any]:
     """Fly once, in as many groups as sysids make necessary; the figures of when all explore."""
-    groups = math.ceil(vehicles / MOST)
+    groups = math.ceil(vehicles / VEHICLES_MAX)
     with contextlib.ExitStack() as stack:
         sizes = [(vehicles + group) // groups for group in range(groups)]
         runs = [stack.enter_context(started(size, planner)) for size in sizes]

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import machine
 import yaml
 from fleet import CLIMB_S, FLOWN_S, processes, usage, write_mission
 
@@ -122,8 +123,7 @@ def main() -> None:
     figures = fly(options.vehicles, options.shards, options.planner)
     for key, value in figures.items():
         print(f"{key:32} {value:.4g}")
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    machine.write(options.json, figures)
 
 
 if __name__ == "__main__":

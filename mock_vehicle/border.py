@@ -79,7 +79,7 @@ class Border:
         }
         self.traffic = Traffic(refused=fleet.abroad.refused)
         self._told_s = self._told_wall_s = -TICK_S
-        self.socket = _open(addresses[fleet.part.shard - 1])
+        self.socket = listen(addresses[fleet.part.shard - 1], BUFFER_BYTES)
 
     @property
     def limit_s(self) -> float:
@@ -173,10 +173,11 @@ class Border:
         self.socket.close()
 
 
-def _open(bind: Address) -> socket.socket:
+def listen(bind: Address, buffer_bytes: int) -> socket.socket:
+    """Open a UDP socket with room for so much that arrives; an occupied port is a PortError."""
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
-    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
     try:
         opened.bind(bind)
     except OSError as error:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from mock_vehicle.border import Border, PortError
+from mock_vehicle.border import Border, listen
 from mock_vehicle.fleet import TICK_S, Fleet
 from mock_vehicle.shards import Address
 
@@ -283,13 +283,5 @@ async def _repeat(report: Callable[[], None]) -> None:
 
 
 def _open(port: Port, vehicle: int, link: int) -> _Endpoint:
-    """Bind the socket of a vehicle's link; an occupied port is a PortError."""
-    endpoint = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    endpoint.setblocking(False)
-    endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-    try:
-        endpoint.bind(port.bind)
-    except OSError as error:
-        endpoint.close()
-        raise PortError(port.bind, error.strerror or "it is taken") from None
+    endpoint = listen(port.bind, RECEIVE_BUFFER_BYTES)
     return _Endpoint(endpoint, port.remote, vehicle, link)

@@ -38,10 +38,6 @@ class Company:
         target = [0.0, 0.0, 0.0, 0.0] if target_m is None else [*three(target_m), 1.0]
         self._peers[sysid] = [now, *three(place_m), *target]
 
-    def place_m(self, sysid: int) -> list[float]:
-        """Give where a peer was last, (d,); KeyError for who was never heard."""
-        return self._peers[sysid][1 : 1 + self._d]
-
     def claims(self, now: float) -> list[tuple[list[float], list[float]]]:
         """Give the strips that peers were going to fly when last heard: from where to where."""
         d, heard = self._d, self._heard(now, CLAIM_S)

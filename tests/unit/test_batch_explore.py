@@ -149,7 +149,7 @@ def test_peers_are_heard_from_where_they_are_give_or_take_the_noise() -> None:
     exact, noisy = Flight(near), Flight(replace(near, position_noise_m=0.05))
     for flight, least, most in ((exact, 0.0, 1e-9), (noisy, 1e-3, 0.3)):
         place_m = flight.batch.position_m
-        own = flight.explorers[0].company.place_m(2)
+        own = flight.explorers[0].company._peers[2][1:3]
         error = np.array(own) - (place_m[1] - flight.start_m[0])
         assert least <= np.abs(error).max() <= most
 
