@@ -437,9 +437,15 @@ class Agent:
         return frames + self.talk.tell(now)
 
     def _last_word(self, velocity: Vec3) -> Setpoint:
-        """Let the guard bend what the duty wants; nothing else makes a setpoint."""
+        """Let the guard bend what the duty wants; nothing else makes a setpoint.
+
+        Who hears somebody in reach who has not been measured yet goes back where it came from: the
+        two may fly at each other, and have half a second left.
+        """
         telemetry = self.telemetry
         place, velocity_now = telemetry.position_ned_m, telemetry.velocity_ned_m_s
+        if self.peers.is_anybody_about(self.now):
+            velocity = Vec3(-velocity_now.x, -velocity_now.y, -velocity_now.z)
         late_s = max(0.0, telemetry.timesync.slowest_s(self.now) - ROUND_TRIP_S)
         motion = Motion(place, velocity_now, telemetry.yaw_rad, late_s)
         ranges, walls = telemetry.ranges_m, NO_WALLS

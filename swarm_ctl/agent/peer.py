@@ -31,6 +31,9 @@ or meet in a door, would push each other back for ever; and 1.5 m apart, both st
 1 m/s."""
 MUTE_S = 2.0
 """Who is measured and has told nothing new for so long may not give way: it is doubted most."""
+WARY_S = 0.6
+"""For so long after a peer came into reach its first fix is waited for, two or three of which may
+be lost; a radio that measures nobody, as in a blind angle, stops nobody for longer."""
 ZONE_S = 5.0
 """For so long after contact a peer that fell silent nearby is kept away from; then it may be
 anywhere, and who stopped in a door would keep it shut."""
@@ -79,6 +82,8 @@ class Peer:
     beacon: Beacon | None = None
     beacon_s: float = -math.inf
     """When the last beacon came that told anything new."""
+    met_s: float = -math.inf
+    """When the first one came, or the first one after a silence."""
     shift: Shift | None = None
     """From its frame into the own one, as of the last beacon; None when nothing is shared."""
     heard_s: dict[int, float] = field(default_factory=dict)
@@ -98,6 +103,8 @@ class Peer:
             and math.hypot(*velocity) > STILL_M_S
         ):
             return
+        if now - self.beacon_s > FRESH_S:
+            self.met_s = now
         self.beacon, self.beacon_s, self.shift = beacon, now, shift
         if self.track is not None:
             self.track.hear(beacon, now)
@@ -127,6 +134,10 @@ class Peer:
         if now - self.track.fixed_s <= FRESH_S:
             return True
         return now - self.beacon_s <= FRESH_S and self.track.at(now)[2] <= BLIND_SIGMA_M
+
+    def is_about(self, now: float) -> bool:
+        """Whether it came into reach just now, and may be anywhere there."""
+        return now - self.met_s <= WARY_S and not self.is_known(now)
 
     def is_at_odds(self, now: float) -> bool:
         """Whether it tells nothing new though it flies, or what its fixes contradict."""

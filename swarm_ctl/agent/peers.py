@@ -143,6 +143,12 @@ class PeerTable:
                 self._heard, self._silent = heard, None
         return self._heard
 
+    def is_anybody_about(self, now: float) -> bool:
+        """Whether somebody came into reach just now of whom nobody knows where."""
+        if len(self.heard(now)) == len(self._fresh):
+            return False
+        return any(peer.is_about(now) for peer in self._fresh.values())
+
     def announced(self, now: float) -> tuple[int, ...]:
         """Give whom to name in a beacon: who is heard, in turns when they are too many for one."""
         heard = self.heard(now)

@@ -6,10 +6,14 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from flight_log import Flight
 
-from swarm_ctl.agent.peer import ZONE_S, minus, plus
-from swarm_ctl.model import Vec3
+from swarm_ctl.agent import beacon as beacons
+from swarm_ctl.agent.peer import WARY_S, ZONE_S, minus, plus
+from swarm_ctl.agent.phases import Phase
+from swarm_ctl.agent.sender import Sender
+from swarm_ctl.model import ZERO, Vec3
 
 Launch = Callable[..., Flight]
 CROWD: dict[str, Any] = {"vehicles": 6, "duration_s": 60.0}
@@ -82,3 +86,23 @@ def test_one_whose_radio_dies_nearby_is_kept_clear_of_for_a_while_and_all_come_h
     assert peers.zones(here, 2.0, flight.arena.now) == []
     flight.fly_to_the_end()
     assert flight.all_in("done")
+
+
+@pytest.mark.parametrize("is_heard", [True, False])
+def test_who_hears_somebody_not_measured_yet_stops_for_a_moment(
+    launch: Launch, is_heard: bool
+) -> None:
+    flight = launch(vehicles=1)
+    agent = flight.agent(1)
+
+    def speed_m_s() -> float:
+        return math.hypot(*agent.telemetry.velocity_ned_m_s)
+
+    flight.fly_until(lambda: flight.all_in("exploring") and speed_m_s() > 0.9)
+    if is_heard:
+        stranger = beacons.Beacon(agent.talk.tag, Phase.EXPLORING, ZERO, ZERO, None, ())
+        told = Sender(2).broadcast(beacons.BEACON_TYPE, beacons.encode(stranger))
+        agent.receive(told, flight.arena.now)
+    flight.fly(WARY_S)
+    assert (speed_m_s() < 0.5) == is_heard
+    flight.fly_until(lambda: speed_m_s() > 0.9, within_s=10.0)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.agent.beacon import Beacon, decode, encode, mission_tag
 from swarm_ctl.agent.frame import Place, Shift
-from swarm_ctl.agent.peer import AGREE_M, LATENCY_S, MOST_DOUBT_M, ZONE_M, ZONE_S
+from swarm_ctl.agent.peer import AGREE_M, LATENCY_S, MOST_DOUBT_M, WARY_S, ZONE_M, ZONE_S
 from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot.telemetry import PeerFix
@@ -335,6 +335,25 @@ def test_one_that_is_measured_and_tells_nothing_is_doubted_most_unless_it_lands(
         table.fix([PeerFix(7, Vec3(1.2, 0.0, 0.0), tick * 0.1)], ZERO, ZERO, tick * 0.1)
     (peer,) = table.near(ZERO, 4.0)
     assert peer.doubt_m == (0.0 if phase is Phase.LANDING else MOST_DOUBT_M)
+
+
+def test_who_is_heard_and_not_measured_is_about_for_a_moment_and_after_a_silence_again() -> None:
+    table = PeerTable()
+    table.beacon(7, beacon(), 1.0)
+    assert table.is_anybody_about(1.0)
+    table.beacon(7, beacon(), 1.5)
+    assert table.is_anybody_about(1.0 + WARY_S - 0.01)
+    assert not table.is_anybody_about(1.0 + WARY_S + 0.01)
+    table.beacon(7, beacon(), 3.0)
+    assert table.is_anybody_about(3.0)
+    table.fix([PeerFix(7, Vec3(1.5, 0.0, 0.0), 3.1)], ZERO, ZERO, 3.1)
+    assert not table.is_anybody_about(3.1)
+
+
+def test_who_tells_where_it_is_in_a_shared_frame_is_not_waited_for() -> None:
+    table = PeerTable()
+    table.beacon(7, beacon(), 1.0, NORTH_10)
+    assert not table.is_anybody_about(1.0)
 
 
 def test_a_frozen_beacon_is_no_news() -> None:
