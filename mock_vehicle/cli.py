@@ -31,6 +31,7 @@ from mock_vehicle.shards import Address, Part, choose, parse_addresses, whole
 from mock_vehicle.vehicle import PERSONALITIES, personalities
 from mock_vehicle.world import load_world, read_faults
 from mock_vehicle.world.field import open_field
+from swarm_ctl import event_loop
 from swarm_ctl.signing import find_key, timestamp_of
 
 Show = Callable[[Fleet, Server], AbstractContextManager[Callable[[], None]]]
@@ -99,7 +100,7 @@ def run(
         server = _serve(
             fleet, listening, addresses, show, speed=speed, duration_s=duration, out=out
         )
-        asyncio.run(server)
+        event_loop.run(server)
     except (MockVehicleError, OSError) as error:  # a port that is taken, a folder that is not ours
         _give_up(error)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import logging
 import sys
@@ -13,6 +12,7 @@ import typer
 from rich.console import Console
 
 import swarm_ctl
+from swarm_ctl import event_loop
 from swarm_ctl.cli_console import console
 from swarm_ctl.cli_doctor import doctor
 from swarm_ctl.cli_experiment import experiment, tune
@@ -271,7 +271,7 @@ def _fly_udp(
             view.update(flight.now, snapshots, flight.referee)
 
         try:
-            asyncio.run(flight.fly(show))
+            event_loop.run(flight.fly(show))
         except MockError:
             if flight.interrupted:
                 raise KeyboardInterrupt from None

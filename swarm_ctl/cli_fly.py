@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -11,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from swarm_ctl import event_loop
 from swarm_ctl.cli_options import (
     EXIT_CODES,
     Connect,
@@ -126,7 +126,7 @@ def fly(
         mqtt=mqtt,
         waits=wait,
     )
-    outcome = asyncio.run(flight)
+    outcome = event_loop.run(flight)
     raise typer.Exit(EXIT_CODES[outcome])
 
 
