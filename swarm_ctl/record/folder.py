@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.metadata
+import itertools
 import json
 import platform
 import struct
@@ -68,6 +69,8 @@ class RunFolder:
         self._tlogs: dict[int, TlogWriter] = {}
         self._paths: dict[int, PathRecorder] = {}
         self._paths_due_s = PATHS_S
+        self._ready = 0
+        """Paths made ready for the next writing."""
 
     @classmethod
     def create(
@@ -201,9 +204,16 @@ class RunFolder:
         return self._paths.setdefault(sysid, PathRecorder(sysid))
 
     def tick(self, now: float) -> None:
-        """Write `paths.json` when its time has come; call it as often as you like."""
+        """Write `paths.json` when its time has come; call it as often as you like.
+
+        Until then each call prepares a part of it: at once, hundreds of vehicles take too long.
+        """
+        passed = 1.0 - (self._paths_due_s - now) / PATHS_S
+        ready, self._ready = self._ready, int(passed * len(self._paths))
+        for path in itertools.islice(self._paths.values(), ready, self._ready):
+            path.freshen()
         if now >= self._paths_due_s:
-            self._paths_due_s = now + PATHS_S
+            self._paths_due_s, self._ready = now + PATHS_S, 0
             self._write_paths()
 
     def close(self) -> None:

@@ -34,7 +34,9 @@ class PathRecorder:
         """What was flown, straight from each flown waypoint to the next."""
         self._waypoints: list[dict[str, Any]] = []
         self._json: list[str] = []
-        """Each waypoint as text, "" when it changed: long runs are written often."""
+        """Each waypoint as text: long runs are written often."""
+        self._stale: list[int] = []
+        """Waypoints that are new, or have changed since they became text."""
         self._last: int | None = None
         self._open: list[int] = []
         """Targets not yet visited, and beside each where it lies."""
@@ -46,6 +48,7 @@ class PathRecorder:
         path = cls(encoded["sysid"])
         path._waypoints = list(encoded["waypoints"])
         path._json = [""] * len(path._waypoints)
+        path._stale = list(range(len(path._waypoints)))
         for index, waypoint in enumerate(path._waypoints):
             if waypoint["kind"] == "flown":
                 before = path._waypoints[index if path._last is None else path._last]
@@ -100,10 +103,15 @@ class PathRecorder:
             "waypoints": [dict(waypoint) for waypoint in self._waypoints],
         }
 
+    def freshen(self) -> None:
+        """Make text of what is new; a part of the work of `text`, done when there is time."""
+        for index in self._stale:
+            self._json[index] = json.dumps(self._waypoints[index])
+        self._stale.clear()
+
     def text(self) -> str:
         """Give `encoded` as JSON text, a line per waypoint."""
-        for index, text in enumerate(self._json):
-            self._json[index] = text or json.dumps(self._waypoints[index])
+        self.freshen()
         lines = ",\n".join(self._json)
         head = f'"sysid": {self.sysid}, "frame": {json.dumps(FRAME)}'
         return f'{{{head}, "waypoints": [\n{lines}\n]}}'
@@ -126,8 +134,10 @@ class PathRecorder:
                 "kind": kind,
             }
         )
+        index = len(self._json)
         self._json.append("")
-        return len(self._waypoints) - 1
+        self._stale.append(index)
+        return index
 
     def _visit(self, rows: list[int], index: int) -> None:
         for row in reversed(rows):
@@ -136,7 +146,7 @@ class PathRecorder:
 
     def _change(self, index: int, **values: object) -> None:
         self._waypoints[index].update(values)
-        self._json[index] = ""
+        self._stale.append(index)
 
 
 def write_paths(path: Path, recorders: Iterable[PathRecorder]) -> None:

@@ -14,14 +14,16 @@ from swarm_ctl.bus.messages import Info
 from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.bus.orders import OrderDesk, Outcome
 from swarm_ctl.bus.publisher import Publisher
-from swarm_ctl.controller import Clock, Controller, fly
+from swarm_ctl.controller import TICK_S, Clock, Controller, fly
 from swarm_ctl.link import Link
 from swarm_ctl.link.mesh import Mesh
 from swarm_ctl.model import Operator, Vec3
 from swarm_ctl.record.folder import Mode, RunFolder
 
 REPORT_S = 0.25
-SET_ASIDE_S = 1.0
+SET_ASIDE_S = 0.25
+TOGETHER, MOST_TICKS = 25, 10
+"""As many vehicles may beat in the same tick; what recurs does so at least once a second."""
 SYNC_S = 1.0
 """Wall time; what a power failure may take of the journals."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -125,7 +127,7 @@ class Fleet:
 
     async def _fly_one(self, controller: Controller, link: Link) -> None:
         """Fly one vehicle; whatever breaks in it stays with it."""
-        offset_s = 0.1 * controller.index / len(self.controllers)
+        offset_s = offset(controller.index, len(self.controllers))
         try:
             await fly(controller, link, self.clock, offset_s=offset_s, tell=self.tell)
         except Exception as error:  # noqa: BLE001 - one vehicle never stops another
@@ -213,9 +215,23 @@ class Fleet:
             await asyncio.sleep(REPORT_S)
 
 
+def offset(index: int, vehicles: int) -> float:
+    """Give how much later than the first vehicle's the first tick of another one is, s.
+
+    Ticks are spread over TICK_S; those of many vehicles start in different ones, too, or all would
+    beat, plan and write in the same one of each second.
+    """
+    ticks = index % min(MOST_TICKS, 1 + vehicles // TOGETHER)
+    return TICK_S * (ticks + index / vehicles)
+
+
 async def _set_aside() -> None:
-    """Spare the garbage collector what has lived for a while: to search it all takes too long."""
-    while True:
-        await asyncio.sleep(SET_ASIDE_S)
-        gc.collect(1)
-        gc.freeze()
+    """Collect what is young and spare what has lived for a while: to search it takes too long."""
+    gc.disable()
+    try:
+        while True:
+            await asyncio.sleep(SET_ASIDE_S)
+            gc.collect(1)
+            gc.freeze()
+    finally:
+        gc.enable()
