@@ -27,9 +27,9 @@ FLIGHT = {"climb_m_s": 0.5}
 level would be 1.4 m/s."""
 
 
-def halls(duration_s: float) -> Iterator[Hall]:
+def halls(duration_s: float, first_seed: int = 1) -> Iterator[Hall]:
     """Give flights without end."""
-    for seed in itertools.count(1):
+    for seed in itertools.count(first_seed):
         for planner, vehicles in SWARMS:
             yield Hall(seed, vehicles, planner, duration_s, WORLD, {"flight": FLIGHT})
 
@@ -66,6 +66,7 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=1000.0, help="robot-hours wanted")
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after, by the clock")
     parser.add_argument("--duration", type=float, default=300.0, help="exploration, s")
+    parser.add_argument("--first-seed", type=int, default=1, help="to share out over machines")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--file", type=Path, help="JSON lines: a flight each, to go on from")
     options = parser.parse_args()
@@ -76,7 +77,9 @@ def main() -> None:
         return flown_s >= 3600.0 * options.hours or bool(time.monotonic() >= end_s)
 
     rows: list[Row] = []
-    for row in pursue(halls(options.duration), options.file, options.workers, is_enough):
+    for row in pursue(
+        halls(options.duration, options.first_seed), options.file, options.workers, is_enough
+    ):
         rows.append(row)
         if row["contacts"] or row["troubles"]:
             print(f"{row['job']}: {row['contacts']} contacts, {row['troubles']}", flush=True)
