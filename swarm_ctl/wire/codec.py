@@ -28,8 +28,10 @@ V1, V2 = 0xFE, 0xFD
 _CRC_SEEDS = {V1: 0x3086, V2: 0x3085}  # after the magic, which it leaves out, it is 0xFFFF again
 _HEADS = {V1: "<BBBBBB", V2: "<BBxxBBB3s"}  # magic, length, seq, sysid, compid, id
 _TRAILER = Struct("<H").pack  # the CRC
-Read = Callable[[bytes, bytes, Tally], Any]
-"""Takes a frame up to its CRC, the whole of it, and a tally; see `Message.read`."""
+_COUNTED = slice(-2)
+"""A frame without its CRC; to make the slice anew each time takes time."""
+Read = Callable[[bytes, bytes], Any]
+"""Takes a frame up to its CRC, and the whole of it; see `Message.reader`."""
 
 
 class Frame(NamedTuple):
@@ -59,24 +61,29 @@ def pack(seq, sysid, compid, {parameters}):
 _STARTS = [bytes([V2, max(end - 10, 1)]) for end in range(10 + 256)]  # trimmed to this end
 
 _READ_SOURCE = """
-def read(body, raw, tally):
-    {unpacking}
-    if magic != 0xFD or flags > 1 or crc(body[1:-2] + extra) != expected:
-        return None
-    source = sysid | compid << 8
-    if tally.next_seq.get(source) == seq:
-        tally.next_seq[source] = seq + 1 & 0xFF
-    else:
-        tally.follow(source, seq)
-    return {result}
+def reader(tally):
+    next_seq, follow = tally.next_seq, tally.follow
+
+    def read(body, raw):
+        {unpacking}
+        if flags and (flags > 1 or raw is body) or crc(body[counted] + extra, {seed}) != expected:
+            return None
+        source = sysid | compid << 8
+        if next_seq[source] == seq:
+            next_seq[source] = seq + 1 & 0xFF
+        else:
+            follow(source, seq)
+        return {result}
+
+    return read
 """
 _WHOLE_FRAME = """
-    whole = body if len(body) == {size} else body[:-2].ljust({size} - 2, b"\\0") + body[-2:]
-    magic, flags, seq, sysid, compid, {slots} expected = unpack(whole)
+        whole = body if len(body) == {size} else body[:-2].ljust({size} - 2, b"\\0") + body[-2:]
+        flags, seq, sysid, compid, {slots} expected = unpack(whole)
 """
 _RIMS = """
-    magic, flags, seq, sysid, compid = unpack(body)
-    expected = body[-2] | body[-1] << 8
+        flags, seq, sysid, compid = unpack(body)
+        expected = body[-2] | body[-1] << 8
 """
 
 
@@ -131,26 +138,35 @@ class Message:
         return self._packer(V1, self.id, self.wire_order[: self._base_count])
 
     @cached_property
-    def read(self) -> Read:
-        """Make a `Frame` of a MAVLink 2 frame up to its CRC, and note its seq in a tally.
+    def reader(self) -> Callable[[Tally], Read]:
+        """Make what reads for one tally, whose `next_seq` has to know every source.
 
-        The whole frame, its signature as well if it has one, is passed on as `raw`. A wrong CRC,
-        or flags we do not know, give None; a payload longer than ours raises struct's error.
+        It makes a `Frame` of a MAVLink 2 frame up to its CRC, and notes its seq. The whole frame
+        with its signature, or the same object when it has none, is passed on as `raw`. A wrong
+        CRC, or flags we do not know, give None; a payload longer than ours raises struct's error,
+        a source that nobody knows KeyError.
         """
         slots = "".join(f"{s}, " for i, f in enumerate(self.wire_order) for s in f.slots(i))
         fields = ", ".join(self.wire_order[i].unpacking(i) for i in self._wire_indices)
         source = _READ_SOURCE.format(
-            unpacking=_WHOLE_FRAME.format(size=self._size + 12, slots=slots),
+            unpacking=_WHOLE_FRAME.format(size=self._size + 12, slots=slots).strip(),
+            seed=_CRC_SEEDS[V2],
             result=f"new(Frame, (sysid, compid, seq, {self.id}, new(values, ({fields},)), raw))",
         )
-        layout = Struct(f"<BxBxBBB3x{self._format}H")
-        return self._generate("read", source, {"unpack": layout.unpack})
+        layout = Struct(f"<xxBxBBB3x{self._format}H")
+        return self._generate("reader", source, {"unpack": layout.unpack})
 
     @cached_property
-    def skim(self) -> Read:
-        """Check a frame and note its seq as `read` does, but give True for it."""
-        source = _READ_SOURCE.format(unpacking=_RIMS, result="True")
-        return self._generate("read", source, {"unpack": Struct("<BxBxBBB").unpack_from})
+    def skimmer(self) -> Callable[[Tally], Read]:
+        """Make what checks a frame and notes its seq as a `reader` does, but gives True for it."""
+        source = _READ_SOURCE.format(unpacking=_RIMS.strip(), seed=_CRC_SEEDS[V2], result="True")
+        return self._generate("reader", source, {"unpack": Struct("<xxBxBBB").unpack_from})
+
+    @cached_property
+    def _read(self) -> Read:
+        tally = Tally()
+        tally.next_seq[0] = 0
+        return self.reader(tally)
 
     def plain(self, payload: bytes, seq: int = 0, source: int = 0) -> bytes:
         """Make the frame that `read` reads: MAVLink 2, unsigned, of full length."""
@@ -160,7 +176,7 @@ class Message:
 
     def unpack(self, payload: bytes) -> Any:
         """Read `values` from a payload: what is missing is zero, what is too much is ignored."""
-        return self.read(self.plain(payload), b"", Tally()).values
+        return self._read(self.plain(payload), b"").values
 
     def _packer(self, magic: int, number: int | bytes, fields: list[Field]) -> Callable[..., bytes]:
         """Generate a pack function; the variable of the field declared i-th is v<i>."""
@@ -197,6 +213,7 @@ class Message:
             "octets": octets,
             "padded": padded,
             "crc": mcrf4xx,
+            "counted": _COUNTED,
             "extra": CRC_EXTRAS[self.id],
             "trailer": _TRAILER,
             "starts": _STARTS,

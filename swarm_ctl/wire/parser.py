@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from struct import Struct
 from struct import error as StructError  # noqa: N812 - a class deserves a class's name
@@ -19,7 +20,10 @@ _SIGNATURE_LENGTH = 13
 _GARBAGE, _UNREADABLE = -1, -2  # in place of an id: no frame here; a frame with unknown flags
 _MAGICS = b"\xfd\xfe"
 _MAGIC = re.compile(b"[" + _MAGICS + b"]")
-_RIM = Struct("<xBB4x3s").unpack_from  # length, flags and id of MAVLink 2
+_RIM = Struct("<xBB4xB").unpack_from  # length, flags and low byte of the id of MAVLink 2
+_NAMED = Counter((number & 0xFF, extra) for number, extra in CRC_EXTRAS.items())
+"""Of how many messages low byte of the id and CRC_EXTRA are these: of one, or the CRC of another
+message would be right, too."""
 
 
 class Parser(Tally):
@@ -32,36 +36,44 @@ class Parser(Tally):
         keys = CRC_EXTRAS if subscribed is None else subscribed
         ids = (key.id if isinstance(key, Message) else message(key).id for key in keys)
         self._subscribed = frozenset(ids)
-        self._readers: dict[bytes, Read] = {}
+        self._readers: dict[int, Read] = {}
+        """By id, of messages that have come."""
+        self._usual: dict[int, Read] = {}
+        """By the id's low byte; another message with the same one has another CRC."""
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take the next bytes, in any chunks, and give the subscribed frames they complete.
 
-        One long loop, because every call in it would cost each frame a tenth of its time; for
-        the same reason a datagram of one plain frame goes round it.
+        A datagram of one frame without a signature, as autopilots send them, has the shortest way.
         """
-        if self._rest or data.__class__ is not bytes:
+        if self._rest:
             return self._resume(data)
-        readers, at, end = self._readers, 0, len(data)
-        if end > 11 and data[1] + 12 == end and not data[2]:
-            try:
-                frame = readers[data[7:10]](data, data, self)
-            except (StructError, KeyError):
-                frame = None
-            if frame is not None:
-                self.stats.frames += 1
-                return [] if frame is True else [frame]
+        try:
+            if len(data) == data[1] + 12:
+                frame = self._usual[data[7]](data, data)
+                if frame is not None:
+                    self.stats.frames += 1
+                    return [] if frame is True else [frame]
+        except (StructError, LookupError, TypeError):
+            pass  # `_cut` finds out what it is
+        return self._cut(data) if data.__class__ is bytes else self._resume(data)
+
+    def _cut(self, data: bytes) -> list[Frame]:
+        """Give the frames of any bytes that begin with one; what is left of the last one waits.
+
+        One long loop, because every call in it would cost each frame a tenth of its time.
+        """
         frames: list[Frame] = []
-        good = 0
+        usual, at, end, good = self._usual, 0, len(data), 0
         while at < end:
             try:
-                length, flags, number = _RIM(data, at)
+                length, flags, low = _RIM(data, at)
                 tail = at + 12 + length
                 body = data[at:tail]
-                # flags mean a signature, or what `read` refuses
+                # flags mean a signature, or what a reader refuses
                 stop = tail + _SIGNATURE_LENGTH if flags else tail
                 raw = data[at:stop] if flags else body
-                frame = readers[number](body, raw, self) if stop <= end else None
+                frame = usual[low](body, raw) if stop <= end else None
             except (StructError, KeyError):
                 frame = None
             if frame is None:
@@ -89,25 +101,33 @@ class Parser(Tally):
         extra = CRC_EXTRAS.get(number)
         if not extra or mcrf4xx(data[at + 1 : tail] + extra) != data[tail] | data[tail + 1] << 8:
             return self._refuse(data, at, stop, number, flags, source, seq)
-        known = message(number)
-        read = known.read if number in self._subscribed else known.skim
-        self._readers[number.to_bytes(3, "little")] = read
-        frame = read(known.plain(data[start:tail], seq, source), data[at:stop], self)
+        read = self._readers.get(number) or self._begin_to_read(number)
+        self.next_seq.setdefault(source, seq)
+        plain = message(number).plain(data[start:tail], seq, source)
+        frame = read(plain, data[at:stop])
         if frame is not True:
             frames.append(frame)
         self.stats.frames += 1
         return stop
 
+    def _begin_to_read(self, number: int) -> Read:
+        known, low = message(number), number & 0xFF
+        maker = known.reader if number in self._subscribed else known.skimmer
+        read = self._readers[number] = maker(self)
+        if _NAMED[low, CRC_EXTRAS[number]] == 1:
+            self._usual.setdefault(low, read)
+        return read
+
     def _resume(self, data: bytes) -> list[Frame]:
         """Go on with the incomplete frame of the last time."""
         data = bytes(data)
         rest, self._rest = self._rest, b""
-        frames = self.feed(rest + data)
+        frames = self._cut(rest + data)
         if len(self._rest) > len(data) and _starts_with_frame(data):
             # A whole frame came while we still wait: the rest of the old one was never sent.
             self.stats.skipped_bytes += len(self._rest) - len(data)
             self._rest = b""
-            frames += self.feed(data)
+            frames += self._cut(data)
         return frames
 
     def _refuse(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections import Counter
 from statistics import median
 from typing import Any
 
@@ -19,6 +20,7 @@ from pymavlink.generator import mavcrc
 
 from swarm_ctl import wire
 from swarm_ctl.signing import Signer
+from swarm_ctl.wire import parser as parser_module
 
 HEARTBEAT, ATTITUDE = wire.message("HEARTBEAT"), wire.message("ATTITUDE")
 BEAT = (2, 12, 209, 0, 4, 3)
@@ -248,6 +250,43 @@ def test_an_unsubscribed_frame_is_checked_as_well() -> None:
     parser = wire.Parser([])
     assert parser.feed(beat(0) + beat(1)[:-1] + b"\x00") == []
     assert (parser.stats.frames, parser.stats.bad_crc) == (1, 1)
+
+
+@pytest.mark.parametrize("wanted", [None, [44, 300], [300], []])
+@pytest.mark.parametrize("is_joined", [True, False])
+def test_ids_that_end_alike_are_told_apart(wanted: list[int] | None, *, is_joined: bool) -> None:
+    count, version = wire.message(44), wire.message(300)
+    frames = [
+        *(count.pack(seq, 1, 1, 1, 1, 7, 0) for seq in (0, 2, 4)),
+        *(version.pack(seq, 1, 1, 200, 100, 203, b"\1" * 8, b"\2" * 8) for seq in (1, 3, 5)),
+    ]
+    frames.sort(key=lambda frame: frame[4])
+    parser = wire.Parser(wanted)
+    chunks = [b"".join(frames)] if is_joined else frames
+    parsed = [frame for chunk in chunks for frame in parser.feed(chunk)]
+    expected = [44, 300] * 3
+    assert [frame.id for frame in parsed] == [
+        number for number in expected if wanted is None or number in wanted
+    ]
+    assert parser.stats == wire.Stats(frames=6)
+
+
+def test_ids_that_end_alike_and_have_one_crc_extra_are_told_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(parser_module, "_NAMED", Counter())
+    parser = wire.Parser(None)
+    assert [frame.seq for seq in range(3) for frame in parser.feed(beat(seq))] == [0, 1, 2]
+    assert parser.stats == wire.Stats(frames=3)
+
+
+@pytest.mark.parametrize("magic", [0x00, 0xFC, 0xFF])
+def test_another_magic_is_no_frame(magic: int) -> None:
+    parser = wire.Parser(None)
+    parser.feed(beat(0))
+    assert parser.feed(bytes([magic]) + beat(1)[1:]) == []
+    assert [frame.seq for frame in parser.feed(beat(1))] == [1]
+    assert parser.stats.frames == 2
 
 
 def test_unknown_ids_are_stepped_over() -> None:
