@@ -55,10 +55,11 @@ def pack(seq, sysid, compid, {parameters}):
         raise blame((seq, sysid, compid, {values})) from error
     if {trims} and not frame[-1]:
         end = len(frame.rstrip(b"\\0"))
-        frame = starts[end] + frame[2 : end if end > 10 else 11]
+        frame = starts[end] + frame[cuts[end]]
     return frame + trailer(crc(frame + extra, {seed}))
 """
 _STARTS = [bytes([V2, max(end - 10, 1)]) for end in range(10 + 256)]  # trimmed to this end
+_CUTS = [slice(2, max(end, 11)) for end in range(10 + 256)]  # what follows it, likewise
 
 _READ_SOURCE = """
 def reader(tally):
@@ -66,7 +67,7 @@ def reader(tally):
 
     def read(body, raw):
         {unpacking}
-        if flags and (flags > 1 or raw is body) or crc(body[counted] + extra, {seed}) != expected:
+        if flags and (flags > 1 or raw is body) or crc(plain + extra, {seed}) != expected:
             return None
         source = sysid | compid << 8
         if next_seq[source] == seq:
@@ -78,10 +79,15 @@ def reader(tally):
     return read
 """
 _WHOLE_FRAME = """
-        whole = body if len(body) == {size} else body[:-2].ljust({size} - 2, b"\\0") + body[-2:]
-        flags, seq, sysid, compid, {slots} expected = unpack(whole)
+        plain = body[counted]
+        if len(body) == {size}:
+            flags, seq, sysid, compid, {slots} expected = unpack(body)
+        else:
+            flags, seq, sysid, compid, {slots} _ = unpack(plain.ljust({size}, b"\\0"))
+            expected = body[-2] | body[-1] << 8
 """
 _RIMS = """
+        plain = body[counted]
         flags, seq, sysid, compid = unpack(body)
         expected = body[-2] | body[-1] << 8
 """
@@ -217,6 +223,7 @@ class Message:
             "extra": CRC_EXTRAS[self.id],
             "trailer": _TRAILER,
             "starts": _STARTS,
+            "cuts": _CUTS,
             "new": tuple.__new__,
             "Frame": Frame,
         } | names
