@@ -187,7 +187,7 @@ class Agent:
         """Take what peers tell beside the vehicle's own link; nothing else is taken from there."""
         for frame in wire.Parser((_TUNNEL_ID,)).feed(data):
             if frame.sysid != self.sysid and not self.sender.gate.refusal(frame):
-                self.talk.hear(frame, now)
+                self.talk.hear(frame, now, is_near=False)
 
     def tick(self, now: float) -> bytes:
         """Decide; give the frames to send, as one datagram (empty when there is nothing)."""

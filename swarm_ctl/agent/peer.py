@@ -83,7 +83,7 @@ class Peer:
     beacon_s: float = -math.inf
     """When the last beacon came that told anything new."""
     met_s: float = -math.inf
-    """When the first one came, or the first one after a silence."""
+    """When the radio brought the first one, or the first one after a silence."""
     shift: Shift | None = None
     """From its frame into the own one, as of the last beacon; None when nothing is shared."""
     heard_s: dict[int, float] = field(default_factory=dict)
@@ -91,7 +91,9 @@ class Peer:
     last: tuple[Neighbour, Vec3, float] | None = None
     """Where it was when its place was known last, from where, and when."""
 
-    def hear(self, beacon: Beacon, shift: Shift | None, now: float) -> None:
+    def hear(
+        self, beacon: Beacon, shift: Shift | None, now: float, *, is_near: bool = True
+    ) -> None:
         """Take a beacon; one that says the same again of who moves is no news."""
         for sysid in beacon.heard:
             self.heard_s[sysid] = now
@@ -103,7 +105,7 @@ class Peer:
             and math.hypot(*velocity) > STILL_M_S
         ):
             return
-        if now - self.beacon_s > FRESH_S:
+        if is_near and now - self.beacon_s > FRESH_S:
             self.met_s = now
         self.beacon, self.beacon_s, self.shift = beacon, now, shift
         if self.track is not None:

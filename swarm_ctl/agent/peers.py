@@ -80,12 +80,15 @@ class PeerTable:
         now: float,
         shift: Shift | None = None,
         seq: int | None = None,
+        *,
+        is_near: bool = True,
     ) -> None:
         """Take a beacon, also of a peer that was never measured.
 
         `shift` leads from the peer's frame into the own one; None when they share nothing. One
         in a frame whose number `seq` is not newer than the last one's is doubled or overtaken:
-        several ways may carry the same frames, each as slow as it is.
+        several ways may carry the same frames, each as slow as it is. One that comes over a network
+        does not tell that its sender `is_near`.
         """
         if now - self._strange_s.get(sysid, -math.inf) < STRANGE_S:
             return
@@ -96,7 +99,7 @@ class PeerTable:
             self._last[sysid] = seq, now
         self._strange_s.pop(sysid, None)
         self._heard_s = math.nan
-        self._peer(sysid).hear(beacon, shift, now)
+        self._peer(sysid).hear(beacon, shift, now, is_near=is_near)
 
     def estrange(self, sysid: int, now: float) -> None:
         """Note that a vehicle flies another mission: it is measured, but not listened to."""

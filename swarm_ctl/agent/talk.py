@@ -31,8 +31,11 @@ class Talk:
         self._budget = Budget()
         self._next_heartbeat_s = self._next_beacon_s = 0.0
 
-    def hear(self, frame: wire.Frame, now: float) -> None:
-        """Take a peer's broadcast; who has not told that he flies our mission is not ours."""
+    def hear(self, frame: wire.Frame, now: float, *, is_near: bool = True) -> None:
+        """Take a peer's broadcast; who has not told that he flies our mission is not ours.
+
+        It `is_near` when the radio brought it that also measures, and no network of a longer reach.
+        """
         if frame.compid != COMPANION_COMPONENT:
             return
         agent, peers = self._agent, self._agent.peers
@@ -44,7 +47,7 @@ class Talk:
                 peers.unread += 1
             elif beacon.mission == self.tag:
                 shift = shift_between(agent.frame.start(agent.telemetry), beacon.start)
-                peers.beacon(sysid, beacon, now, shift, frame.seq)
+                peers.beacon(sysid, beacon, now, shift, frame.seq, is_near=is_near)
             else:
                 peers.estrange(sysid, now)
         elif not peers.is_ours(sysid):

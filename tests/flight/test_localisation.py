@@ -88,10 +88,8 @@ def test_one_whose_radio_dies_nearby_is_kept_clear_of_for_a_while_and_all_come_h
     assert flight.all_in("done")
 
 
-@pytest.mark.parametrize("is_heard", [True, False])
-def test_who_hears_somebody_not_measured_yet_stops_for_a_moment(
-    launch: Launch, is_heard: bool
-) -> None:
+@pytest.mark.parametrize("way", ["radio", "network", "no way"])
+def test_who_hears_somebody_not_measured_yet_stops_for_a_moment(launch: Launch, way: str) -> None:
     flight = launch(vehicles=1)
     agent = flight.agent(1)
 
@@ -99,10 +97,12 @@ def test_who_hears_somebody_not_measured_yet_stops_for_a_moment(
         return math.hypot(*agent.telemetry.velocity_ned_m_s)
 
     flight.fly_until(lambda: flight.all_in("exploring") and speed_m_s() > 0.9)
-    if is_heard:
-        stranger = beacons.Beacon(agent.talk.tag, Phase.EXPLORING, ZERO, ZERO, None, ())
-        told = Sender(2).broadcast(beacons.BEACON_TYPE, beacons.encode(stranger))
+    stranger = beacons.Beacon(agent.talk.tag, Phase.EXPLORING, ZERO, ZERO, None, ())
+    told = Sender(2).broadcast(beacons.BEACON_TYPE, beacons.encode(stranger))
+    if way == "radio":
         agent.receive(told, flight.arena.now)
+    elif way == "network":  # which reaches farther than radios measure
+        agent.overhear(told, flight.arena.now)
     flight.fly(WARY_S)
-    assert (speed_m_s() < 0.5) == is_heard
+    assert (speed_m_s() < 0.5) == (way == "radio")
     flight.fly_until(lambda: speed_m_s() > 0.9, within_s=10.0)

@@ -356,6 +356,12 @@ def test_who_tells_where_it_is_in_a_shared_frame_is_not_waited_for() -> None:
     assert not table.is_anybody_about(1.0)
 
 
+def test_whom_a_network_brings_may_be_far_away() -> None:
+    table = PeerTable()
+    table.beacon(7, beacon(), 1.0, is_near=False)
+    assert not table.is_anybody_about(1.0)
+
+
 def test_a_frozen_beacon_is_no_news() -> None:
     table = PeerTable()
     for tick in range(1, 20):
