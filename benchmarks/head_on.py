@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
-from many import HALL, MISSIONS
+from many import HALL, MISSIONS, changed
 from numpy.typing import NDArray
 from robot_hours import FLIGHT, WORLD
 
@@ -82,15 +81,10 @@ def closest_m(seed: int) -> list[float]:
     """Fly ten pairs; give how near the two of each came."""
     places = starts(seed)
     with tempfile.TemporaryDirectory() as folder:
-        content = yaml.safe_load((MISSIONS / "worlds" / "open_3d.yaml").read_text("utf-8"))
-        world, mission = Path(folder) / "world.yaml", Path(folder) / "mission.yaml"
-        world.write_text(yaml.safe_dump({**content, **WORLD, "starts": places}), "utf-8")
-        content = yaml.safe_load(HALL.read_text("utf-8"))
-        content["flight"] |= FLIGHT
-        mission.write_text(yaml.safe_dump(content), "utf-8")
+        world = MISSIONS / "worlds" / "open_3d.yaml"
         flown = load_mission(
-            mission,
-            world=world,
+            changed(HALL, {"flight": FLIGHT}, Path(folder) / "mission.yaml"),
+            world=changed(world, {**WORLD, "starts": places}, Path(folder) / "world.yaml"),
             vehicles=len(places),
             planner=f"{__name__}:Charge",
             duration_s=DURATION_S,

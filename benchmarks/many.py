@@ -60,8 +60,8 @@ class Hall:
         with tempfile.TemporaryDirectory() as folder:
             world = MISSIONS / "worlds" / "open_3d.yaml"
             mission = load_mission(
-                _changed(HALL, self.mission, Path(folder) / "mission.yaml"),
-                world=_changed(world, self.world, Path(folder) / "world.yaml"),
+                changed(HALL, self.mission, Path(folder) / "mission.yaml"),
+                world=changed(world, self.world, Path(folder) / "world.yaml"),
                 vehicles=self.vehicles,
                 planner=self.planner,
                 duration_s=self.duration_s,
@@ -123,11 +123,12 @@ def pursue(
                 yield row
 
 
-def _changed(file: Path, changes: Mapping[str, Mapping[str, Any]], copy: Path) -> Path:
-    """Write a copy of a YAML file with some keys of its blocks changed."""
+def changed(file: Path, changes: Mapping[str, Any], copy: Path) -> Path:
+    """Write a copy of a YAML file with some keys of its blocks changed, and lists replaced."""
     content = yaml.safe_load(file.read_text("utf-8"))
     for block, keys in changes.items():
-        content[block] = {**content.get(block, {}), **keys}
+        is_block = isinstance(keys, Mapping)
+        content[block] = {**content.get(block, {}), **keys} if is_block else keys
     copy.write_text(yaml.safe_dump(content), "utf-8")
     return copy
 
