@@ -35,7 +35,7 @@ class PathRecorder:
         self._waypoints: list[dict[str, Any]] = []
         self._json: list[str] = []
         """Each waypoint as text: long runs are written often."""
-        self._stale: list[int] = []
+        self._stale: set[int] = set()
         """Waypoints that are new, or have changed since they became text."""
         self._last: int | None = None
         self._open: list[int] = []
@@ -48,7 +48,7 @@ class PathRecorder:
         path = cls(encoded["sysid"])
         path._waypoints = list(encoded["waypoints"])
         path._json = [""] * len(path._waypoints)
-        path._stale = list(range(len(path._waypoints)))
+        path._stale = set(range(len(path._waypoints)))
         for index, waypoint in enumerate(path._waypoints):
             if waypoint["kind"] == "flown":
                 before = path._waypoints[index if path._last is None else path._last]
@@ -136,7 +136,7 @@ class PathRecorder:
         )
         index = len(self._json)
         self._json.append("")
-        self._stale.append(index)
+        self._stale.add(index)
         return index
 
     def _visit(self, rows: list[int], index: int) -> None:
@@ -146,7 +146,7 @@ class PathRecorder:
 
     def _change(self, index: int, **values: object) -> None:
         self._waypoints[index].update(values)
-        self._stale.append(index)
+        self._stale.add(index)
 
 
 def write_paths(path: Path, recorders: Iterable[PathRecorder]) -> None:
