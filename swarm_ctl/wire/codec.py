@@ -66,6 +66,7 @@ def reader(tally):
     next_seq, follow = tally.next_seq, tally.follow
 
     def read(body, raw):
+        plain = body[counted]
         {unpacking}
         if flags and (flags > 1 or raw is body) or crc(plain + extra, {seed}) != expected:
             return None
@@ -79,7 +80,6 @@ def reader(tally):
     return read
 """
 _WHOLE_FRAME = """
-        plain = body[counted]
         if len(body) == {size}:
             flags, seq, sysid, compid, {slots} expected = unpack(body)
         else:
@@ -87,7 +87,6 @@ _WHOLE_FRAME = """
             expected = body[-2] | body[-1] << 8
 """
 _RIMS = """
-        plain = body[counted]
         flags, seq, sysid, compid = unpack(body)
         expected = body[-2] | body[-1] << 8
 """
