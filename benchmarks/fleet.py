@@ -1,9 +1,10 @@
 """Fly a fleet in real time over UDP, and say what it costs: `python benchmarks/fleet.py --help`.
 
 Two processes, as `swarm-ctl run` has them: the mock fleet and the controllers; more than 250
-vehicles are several such pairs, for a network has 255 sysids. CPU time is taken
-from the kernel's books once all explore. A setpoint that is decided more than 20 ms late, or not at
-all, has missed its deadline; so has a step of the mock that begins more than a step late.
+vehicles, or `--shards`, are several such pairs in one world. CPU time is taken from the kernel's
+books once all explore; the process that starts shards is not counted. A setpoint that is decided
+more than 20 ms late, or not at all, has missed its deadline; so has a step of the mock that begins
+more than a step late.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ TICK_HZ = os.sysconf("SC_CLK_TCK")
 PAGE_KB = os.sysconf("SC_PAGE_SIZE") / 1024.0
 
 
-def write_mission(folder: Path, vehicles: int, planner: str) -> Path:
+def write_mission(folder: Path, vehicles: int, shards: int, planner: str) -> Path:
     """Write a hall of equal density for any number of vehicles, and the mission to fly in it."""
     side_m = round(math.sqrt(SQUARE_M2 * vehicles) + 2.0, 1)
     world = {"name": "hall", "size_m": [side_m, side_m], "ceiling_m": 6.0}
@@ -41,7 +42,7 @@ def write_mission(folder: Path, vehicles: int, planner: str) -> Path:
     mission = {
         "name": "fleet",
         "world": "hall.yaml",
-        "vehicles": vehicles,
+        "vehicles": vehicles // shards,
         "duration_s": 2.0 * (CLIMB_S + FLOWN_S),
         "planner": {"kind": planner, "dimensions": 3},
         "flight": {"start_spacing_s": 0.0},
@@ -52,10 +53,15 @@ def write_mission(folder: Path, vehicles: int, planner: str) -> Path:
     return path
 
 
+def children(root: int) -> list[int]:
+    """Give what a process has started."""
+    text = Path(f"/proc/{root}/task/{root}/children").read_text(encoding="utf-8")
+    return [int(pid) for pid in text.split()]
+
+
 def processes(root: int) -> list[int]:
     """Give a process and all that it has started, the controllers' first."""
-    children = Path(f"/proc/{root}/task/{root}/children").read_text(encoding="utf-8").split()
-    return [root, *(pid for child in children for pid in processes(int(child)))]
+    return [root, *(pid for child in children(root) for pid in processes(child))]
 
 
 def usage(pid: int) -> tuple[float, float, float]:
@@ -67,43 +73,46 @@ def usage(pid: int) -> tuple[float, float, float]:
 
 
 @contextlib.contextmanager
-def started(vehicles: int, planner: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+def started(
+    vehicles: int, shards: int, planner: str
+) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """Start a run, and end it; its folder is gone when this is left."""
     with tempfile.TemporaryDirectory() as name:
-        mission = write_mission(Path(name), vehicles, planner)
+        mission = write_mission(Path(name), vehicles, shards, planner)
         command = [sys.executable, "-m", "swarm_ctl", "run", str(mission), "--out", f"{name}/run"]
+        command += ["--shards", str(shards)] if shards > 1 else []
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as run:  # noqa: S603 - our own
             yield run, Path(name, "run")
 
 
-def fly(vehicles: int, planner: str) -> dict[str, Any]:
-    """Fly once, in as many groups as sysids make necessary; the figures of when all explore."""
-    groups = math.ceil(vehicles / VEHICLES_MAX)
-    with contextlib.ExitStack() as stack:
-        sizes = [(vehicles + group) // groups for group in range(groups)]
-        runs = [stack.enter_context(started(size, planner)) for size in sizes]
+def fly(vehicles: int, planner: str, shards: int = 1) -> dict[str, Any]:
+    """Fly once, in as many shards as sysids make necessary; the figures of when all explore."""
+    shards = max(shards, math.ceil(vehicles / VEHICLES_MAX))
+    vehicles -= vehicles % shards
+    with started(vehicles, shards, planner) as (run, folder):
         time.sleep(CLIMB_S)  # noqa: TID251 - this is a process of its own
-        pids = [processes(run.pid) for run, _ in runs]
+        roots = [run.pid] if shards == 1 else children(run.pid)
+        pids = [processes(root) for root in roots]
         before, began_s = [[usage(pid) for pid in group] for group in pids], time.monotonic()
         time.sleep(FLOWN_S)  # noqa: TID251 - the same
         after, took_s = (
             [[usage(pid) for pid in group] for group in pids],
             time.monotonic() - began_s,
         )
-        for run, _ in runs:
-            run.terminate()
-            run.terminate()
-        for run, _ in runs:
-            run.wait()
+        run.terminate()
+        time.sleep(0.5)  # noqa: TID251 - two signals at once are one
+        run.terminate()
+        run.wait()
+        folders = [folder / f"shard{k}" for k in range(1, shards + 1)] if shards > 1 else [folder]
         summaries = [
-            json.loads((folder / "summary.json").read_text(encoding="utf-8")) for _, folder in runs
+            json.loads((one / "summary.json").read_text(encoding="utf-8")) for one in folders
         ]
     pairs = [tuple(zip(*both, strict=True)) for both in zip(before, after, strict=True)]
     spent_s = [[end[0] - start[0] for start, end in group] for group in pairs]
     waited_s = [end[2] - start[2] for group in pairs for start, end in group]
     return {
         "vehicles": vehicles,
-        "groups": groups,
+        "shards": shards,
         "planner": planner,
         "controllers_ms_per_vehicle_s": 1e3 * sum(own for own, *_ in spent_s) / took_s / vehicles,
         "mock_ms_per_vehicle_s": 1e3 * sum(sum(mock) for _, *mock in spent_s) / took_s / vehicles,
@@ -126,6 +135,7 @@ def main() -> None:
     """Print a line per number of vehicles; `--json FILE` writes the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--vehicles", type=int, nargs="*", default=[10, 50, 100, 250, 500])
+    parser.add_argument("--shards", type=int, default=1, help="at least so many pairs of processes")
     parser.add_argument("--planner", default="explore")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     options = parser.parse_args()
@@ -133,7 +143,7 @@ def main() -> None:
     print("                 ms per vehicle-s       setpoints          mock")
     print("vehicles  cores  controllers  mock   p99 ms    late        late  lost  waited     MB")
     for vehicles in options.vehicles:
-        rows.append(row := fly(vehicles, options.planner))
+        rows.append(row := fly(vehicles, options.planner, options.shards))
         print(
             f"{vehicles:8}  {row['cores']:5.2f}  {row['controllers_ms_per_vehicle_s']:11.2f}"
             f"  {row['mock_ms_per_vehicle_s']:4.2f}  {row['setpoint_jitter_p99_ms']:7.1f}"

@@ -83,7 +83,7 @@ def fly(vehicles: int, count: int, planner: str) -> dict[str, Any]:
     """Fly once, and give the figures of the time in which all explore."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        mission = write_mission(folder, vehicles, planner)
+        mission = write_mission(folder, vehicles, 1, planner)
         each = yaml.safe_load(mission.read_text(encoding="utf-8")) | {"vehicles": 1}
         mission.write_text(yaml.safe_dump(each), encoding="utf-8")
         with begin(folder, mission, vehicles, count) as (shards, flights):

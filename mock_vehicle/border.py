@@ -144,7 +144,11 @@ class Border:
             if one.heard_s is not None and wall_s - one.heard_s > LOST_S:
                 one.heard_s = None
                 self._abroad.forget(one.shard)
-                LOG.warning("shard %d is lost, its %d vehicles too", one.shard, len(one.vehicles))
+                LOG.warning(
+                    "shard %d is not heard any more: its %d vehicles are down or lost",
+                    one.shard,
+                    len(one.vehicles),
+                )
 
     def _send(self, letters: Sequence[bytes], *, to_all: bool) -> None:
         for address, one in self._neighbours.items():

@@ -61,6 +61,10 @@ class Coverage:
         """When each cell was first seen, [level, north, east]; NaN is never."""
         return self._unpadded(self._seen_s)
 
+    def volumes(self) -> dict[str, NDArray[Any]]:
+        """Give when each cell was first seen, and which ones count, both [level, north, east]."""
+        return {"volume_seen_s": self.seen_s.copy(), "volume_free": self.free}
+
     def cover(self, position_ned_m: FLOATS, airborne: BOOLS, now: float) -> None:
         """Mark what the airborne vehicles have seen on the way since the last call."""
         flying = np.nonzero(airborne)[0]

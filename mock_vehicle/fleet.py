@@ -212,6 +212,8 @@ class Fleet:
         """
         files = self.referee.files(so_far=so_far)
         files["truth.json"] |= pace or {}
+        if self.part.shards > 1:  # others add what theirs have seen
+            files["truth.npz"] |= self.referee.coverage.volumes()
         return {**files, "radio.json": self.radio.figures.report()}
 
     @property

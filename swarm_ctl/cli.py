@@ -43,9 +43,10 @@ from swarm_ctl.cli_options import (
 )
 from swarm_ctl.cli_order import order
 from swarm_ctl.cli_record import export, report
+from swarm_ctl.cli_shards import ShardNumber, ShardOption, fly_shards, is_number
 from swarm_ctl.cli_soak import soak
 from swarm_ctl.errors import MockError, SwarmError, plain
-from swarm_ctl.flight import Faults, discard, finish
+from swarm_ctl.flight import Faults, Shard, discard, finish
 from swarm_ctl.mission import Mission, load_mission, mission_schema
 from swarm_ctl.progress import ProgressView
 from swarm_ctl.record.folder import RunFolder
@@ -105,6 +106,7 @@ def _root(
 
 @app.command()
 def run(
+    context: typer.Context,
     mission: MissionFile,
     world: World = None,
     vehicles: Vehicles = None,
@@ -138,6 +140,8 @@ def run(
             "see the fleet.",
         ),
     ] = False,
+    shards: ShardOption = None,
+    shard: ShardNumber = None,
 ) -> None:
     """Fly a mission against mock vehicles and write its record.
 
@@ -154,9 +158,16 @@ def run(
         seed=seed,
         duration_s=duration,
     )
+    if is_number(shards) and shard is None:
+        raise typer.Exit(fly_shards(context, chosen, int(shards or 1), out))
+    part = _part_of(chosen, shards, shard)
+    if part is not None and part.group:  # a network of its own, and a mission of its own
+        chosen = chosen.model_copy(update={"name": f"{chosen.name}-group{part.group}"})
     _world_of(chosen)
-    faults = Faults.parse(fault or [], chosen.vehicles)
+    faults = Faults.parse(fault or [], chosen.vehicles, part.sysids.start if part else 1)
     key = read_key(signing_key)
+    if virtual and part:
+        raise SwarmError("--shards: a --virtual flight is one process; leave one of them out")
     if virtual and mqtt:
         raise SwarmError("--mqtt: there is no time for orders in --virtual; leave one of them out")
     if virtual and show:
@@ -177,9 +188,9 @@ def run(
             if virtual:
                 facts = _fly_virtual(chosen, folder, faults, console, stop)
             else:
-                facts = _fly_udp(
-                    chosen, folder, faults, console, speed, key, mqtt, waits=wait, is_shown=show
-                )
+                flight = UdpRun(chosen, folder, speed=speed, faults=faults, key=key, shard=part)
+                flight.is_shown = show
+                facts = _fly_udp(flight, console, mqtt, waits=wait)
         except (SwarmError, KeyboardInterrupt):  # the mock would not, or may not, start
             discard(folder, is_ours=is_ours)
             raise
@@ -220,6 +231,17 @@ def check(
     )
 
 
+def _part_of(mission: Mission, shards: str | None, number: int | None) -> Shard | None:
+    """Give the part of a world's vehicles that is flown here; None stands for all."""
+    if shards is None:
+        if number is not None:
+            raise SwarmError(f"--shard {number}: of which? --shards names their addresses")
+        return None
+    from swarm_ctl.experiment.check import take_shard  # noqa: PLC0415 - needs the mock
+
+    return take_shard(mission, shards, number)
+
+
 def _world_of(mission: Mission) -> WorldFacts:
     """Look whether the mission can be flown in its world."""
     from swarm_ctl.experiment.check import check_world  # noqa: PLC0415 - needs the mock's world
@@ -244,26 +266,13 @@ def schema() -> None:
     typer.echo(json.dumps(mission_schema(), indent=2))
 
 
-def _fly_udp(
-    mission: Mission,
-    folder: RunFolder,
-    faults: Faults,
-    console: Console,
-    speed: float,
-    key: bytes | None,
-    mqtt: str | None,
-    *,
-    waits: bool,
-    is_shown: bool,
-) -> dict[str, Any]:
-    flight = UdpRun(mission, folder, speed=speed, faults=faults, key=key)
-    flight.is_shown = is_shown
+def _fly_udp(flight: UdpRun, console: Console, mqtt: str | None, *, waits: bool) -> dict[str, Any]:
     if waits:
         flight.wait_for_start()
     with (
         open_broker(mqtt) as flight.broker,
-        open_mesh(mission) as flight.mesh,
-        ProgressView(mission, console) as view,
+        open_mesh(flight.mission) as flight.mesh,
+        ProgressView(flight.mission, console) as view,
     ):
 
         def show(flight: UdpRun) -> None:

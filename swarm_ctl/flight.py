@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from swarm_ctl.agent.agent import Agent, Orders
 from swarm_ctl.agent.phases import Phase
@@ -41,8 +41,12 @@ class Faults:
     """What the mock vehicles are told, in their own words."""
 
     @classmethod
-    def parse(cls, texts: Sequence[str], vehicles: int) -> Self:
-        """Sort out whose fault each one is; SwarmError names the one that cannot be."""
+    def parse(cls, texts: Sequence[str], vehicles: int, first: int = 1) -> Self:
+        """Sort out whose fault each one is; SwarmError names the one that cannot be.
+
+        There are so many `vehicles`, from the sysid `first` on.
+        """
+        last = first + vehicles - 1
         controllers, mock = [], []
         for text in texts:
             what, _, seconds = text.partition("@")
@@ -54,14 +58,29 @@ class Faults:
                 fault = float(seconds), int(sysid)
             except ValueError:
                 raise SwarmError(f"--fault {text}: expected controller:SYSID@SECONDS") from None
-            if not 1 <= fault[1] <= vehicles:
+            if not first <= fault[1] <= last:
                 raise SwarmError(
-                    f"--fault {text}: there is no vehicle {fault[1]}; they are 1 to {vehicles}"
+                    f"--fault {text}: there is no vehicle {fault[1]}; they are {first} to {last}"
                 )
             if not 0.0 <= fault[0] < math.inf:
                 raise SwarmError(f"--fault {text}: needs a time from 0 s on")
             controllers.append(fault)
         return cls(tuple(sorted(controllers)), tuple(mock))
+
+
+class Shard(NamedTuple):
+    """The part of a world's vehicles that one of several mock fleets has."""
+
+    number: int
+    """From 1 on."""
+    addresses: str
+    """Where all fleets hear one another, as the mock reads it."""
+    vehicles: int
+    """Of all shards."""
+    group: int
+    """Number of its MAVLink network, from 1 on; 0 where there is but one."""
+    sysids: range
+    """Of its own vehicles."""
 
 
 def orders_of(mission: Mission) -> Orders:

@@ -6,8 +6,10 @@ import math
 from typing import NamedTuple
 
 from mock_vehicle.errors import MockVehicleError
+from mock_vehicle.shards import choose, divide, parse_addresses
 from mock_vehicle.world import load_world
 from swarm_ctl.errors import MockError
+from swarm_ctl.flight import Shard
 from swarm_ctl.mission import Mission
 
 
@@ -19,11 +21,14 @@ class WorldFacts(NamedTuple):
     victims: int
 
 
-def check_world(mission: Mission) -> WorldFacts:
-    """Load the world and place the vehicles; MockError with the world's own sentence if not."""
+def check_world(mission: Mission, shards: int = 1) -> WorldFacts:
+    """Load the world and place the vehicles of all shards; MockError with its own sentence if not.
+
+    Each shard has as many vehicles as the mission.
+    """
     try:
         world = load_world(mission.simulated)
-        world.starts(mission.vehicles, mission.seed)
+        world.starts(shards * mission.vehicles, mission.seed)
     except MockVehicleError as error:
         raise MockError(str(error)) from error
     above_m = (world.spec.ceiling_m or math.inf) - mission.flight.height_m
@@ -35,3 +40,24 @@ def check_world(mission: Mission) -> WorldFacts:
         )
     north, east, _ = (world.high_ned_m - world.low_ned_m).tolist()
     return WorldFacts(world.name, f"{east:.0f} m x {north:.0f} m", len(world.victims))
+
+
+def take_shard(mission: Mission, addresses: str, number: int | None) -> Shard:
+    """Give the part of a mission that is flown `number`th, of those at these addresses."""
+    try:
+        places = parse_addresses(addresses)
+        part = choose(len(places) * mission.vehicles, places, number)
+    except ValueError as error:
+        raise MockError(str(error)) from None
+    group = part.group if len(part.members) < part.vehicles else 0
+    first = 1 + part.own.start - part.members.start
+    sysids = range(first, first + len(part.own))
+    return Shard(part.shard, addresses, part.vehicles, group, sysids)
+
+
+def check_shards(mission: Mission, shards: int) -> None:
+    """Refuse a number of shards that are no MAVLink networks; MockError says how many are."""
+    try:
+        divide(shards * mission.vehicles, shards)
+    except ValueError as error:
+        raise MockError(str(error)) from None

@@ -94,8 +94,7 @@ class RunFolder:
         Raises SwarmError when the folder holds something already or cannot be made.
         """
         utc = utc or datetime.now(UTC)
-        path = out or _unused(Path("runs") / f"{name}-{utc:%Y%m%dT%H%M%SZ}")
-        path = _make(path.absolute())
+        path = make_folder(out, name, utc)
         if wanted := list(journaled):
             (path / JOURNALS).mkdir()
         started = {
@@ -253,6 +252,12 @@ class RunFolder:
 def _epoch_s(mode: Mode, utc: datetime) -> float:
     """Give when mission time was 0: virtual time counts from a fixed date."""
     return EPOCH_S if mode == "virtual" else utc.timestamp()
+
+
+def make_folder(out: Path | None, name: str, utc: datetime) -> Path:
+    """Make `out`, or `runs/<name>-<utc>/`; SwarmError when it holds something or cannot be."""
+    path = out or _unused(Path("runs") / f"{name}-{utc:%Y%m%dT%H%M%SZ}")
+    return _make(path.absolute())
 
 
 def _make(path: Path) -> Path:

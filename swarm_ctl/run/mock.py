@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -9,7 +10,15 @@ from datetime import UTC, datetime
 from typing import Any
 
 from swarm_ctl.controller import KILLED
-from swarm_ctl.flight import GRACE_S, MOCK_DIED, TRUTH, Faults, controllers_for, sign_with
+from swarm_ctl.flight import (
+    GRACE_S,
+    MOCK_DIED,
+    TRUTH,
+    Faults,
+    Shard,
+    controllers_for,
+    sign_with,
+)
 from swarm_ctl.link.udp import UdpLink
 from swarm_ctl.mission import Mission
 from swarm_ctl.model import Vec3
@@ -18,6 +27,9 @@ from swarm_ctl.record.truth import read_truth
 from swarm_ctl.run.fleet import Fleet
 from swarm_ctl.run.process import MockProcess
 from swarm_ctl.signing import KEY_VARIABLE
+
+LEASH = "SWARM_CTL_LEASH"
+"""In the environment of a run that shall not outlive whoever holds the other end of its input."""
 
 
 class UdpRun(Fleet):
@@ -33,10 +45,13 @@ class UdpRun(Fleet):
         speed: float,
         faults: Faults | None = None,
         key: bytes | None = None,
+        shard: Shard | None = None,
     ) -> None:
-        """Prepare a run; with a key of 32 bytes all that is said in it is signed."""
-        super().__init__(controllers_for(mission, folder), folder, speed=speed)
+        """Prepare a run, or that of one shard; with a key of 32 bytes all said in it is signed."""
+        sysids = None if shard is None else shard.sysids
+        super().__init__(controllers_for(mission, folder, sysids), folder, speed=speed)
         self.mission = mission
+        self._shard = shard
         self.referee: dict[str, Any] | None = None
         """The referee's latest report, for the operator's eyes only."""
         self.is_shown = False
@@ -51,7 +66,7 @@ class UdpRun(Fleet):
 
     async def fly(self, progress: Callable[[UdpRun], None]) -> None:
         """Start the mock, fly every vehicle, stop the mock; MockError when it does not start."""
-        with self.interruptible():
+        with self.interruptible(), _leash(self.interrupt):
             mock = self._mock = await MockProcess.start(self._arguments(), self._environment)
             try:
                 ready = await mock.ready()
@@ -90,6 +105,9 @@ class UdpRun(Fleet):
             "--rates": "shown" if self.is_shown else "lean",
             "--out": self.folder.path / TRUTH,
         }
+        if (shard := self._shard) is not None:
+            options |= {"--shards": shard.addresses, "--shard": shard.number}
+            options["--vehicles"] = shard.vehicles
         words = [str(part) for option in options.items() for part in option]
         words += [part for fault in self._faults.mock for part in ("--fault", fault)]
         return [str(mission.simulated), *words, "--json"]
@@ -105,7 +123,26 @@ class UdpRun(Fleet):
     async def _kill_controllers(self) -> None:
         for moment_s, sysid in self._faults.controllers:
             await self.clock.sleep_until(moment_s)
-            self.controllers[sysid - 1].kill(KILLED, self.now)
+            (controller,) = (one for one in self.controllers if one.agent.sysid == sysid)
+            controller.kill(KILLED, self.now)
+
+
+@contextlib.contextmanager
+def _leash(interrupt: Callable[[], None]) -> Iterator[None]:
+    """Land everybody when whoever started us, and asked for it, is gone with our input's end."""
+    loop = asyncio.get_running_loop()
+
+    def read() -> None:
+        if not os.read(0, 4096):
+            loop.remove_reader(0)
+            interrupt()
+
+    if LEASH in os.environ:
+        loop.add_reader(0, read)
+    try:
+        yield
+    finally:
+        loop.remove_reader(0)
 
 
 @contextlib.contextmanager

@@ -16,6 +16,8 @@ from swarm_ctl.errors import MockError
 START_S = 30.0
 """Longest wait for the mock to open its ports, wall time."""
 LAST_WORDS_S = 2.0
+RELIEF = "is here"
+"""How it takes back that it waits for another shard."""
 STOP_S = 10.0
 
 
@@ -62,7 +64,8 @@ class MockProcess:
         """Keep its latest complaint, and its pipe from filling up."""
         assert self._process.stderr is not None  # noqa: S101 - opened as a pipe above
         while line := await self._process.stderr.readline():
-            self.complaint = line.decode(errors="replace").strip() or self.complaint
+            said = line.decode(errors="replace").strip()
+            self.complaint = "" if said.endswith(RELIEF) else said or self.complaint
 
     def kill(self) -> None:
         """Kill without asking whether it lives: asking would take its exit code from asyncio."""

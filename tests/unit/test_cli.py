@@ -290,3 +290,29 @@ def test_the_live_view_fits_into_80_columns(hall: Hall) -> None:
     names = "vehicle phase height battery hears victims note"
     assert lines[-2].split() == names.split(), "a long note takes the width of no other"
     assert re.match(r" +200 +connecting +12.3 m +100% +12 +12 +nothing heard.*…$", lines[-1])
+
+
+# -- shards --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--shards", 0), "--shards 0: expected 1 to 99"),
+        (("--shards", 2, "--virtual"), "--virtual: a flight in virtual time is one process"),
+        (("--shards", 2, "--show"), "--show: shards have vehicles of one sysid"),
+        (("--shards", 2, "--fault", "dead:1@3"), "--fault: every shard would break its own"),
+        (("--shards", 2, "--mqtt", "embedded"), "--mqtt embedded: shards are several processes"),
+        (("--shards", 3, "--vehicles", 100), "--shards: 300 vehicles are 2 groups"),
+        (("--shards", "here", "--shard", 1), "--shards here: expected IP:PORT"),
+        (("--shards", "10.0.0.1:1,10.0.0.2:1"), "--shard is missing: say which of the 2"),
+        (("--shard", 1), "--shard 1: of which? --shards names their addresses"),
+    ],
+)
+def test_shards_that_cannot_be_are_one_sentence(
+    shell: Shell, hall: Hall, tmp_path: Path, options: tuple[object, ...], sentence: str
+) -> None:
+    code, said, complaint = shell("run", hall(), *options, "--out", "run")
+    assert (code, said) == (2, "")
+    assert sentence in one_sentence(complaint)
+    assert not (tmp_path / "run").exists()

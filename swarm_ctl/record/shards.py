@@ -1,0 +1,146 @@
+"""The records of a world's shards as one: what all have seen together, summary and pictures."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_ctl.record.contacts import CONTACT_FIGURES
+from swarm_ctl.record.plots import draw_pictures
+from swarm_ctl.record.spread import SPREAD_FIGURES
+from swarm_ctl.record.summary import write_summary
+from swarm_ctl.record.truth import Truth, read_truth
+
+_ALIKE = ("world", "seed", "planner", "autopilot", "mode")
+_SUMS = (
+    "vehicles",
+    "collisions",
+    "path_length_m",
+    "energy_kwh",
+    "mock_dropped",
+    "messages_sent",
+    "messages_received",
+    "messages_lost",
+    "datagrams_unsent",
+    "datagrams_unheard",
+)
+_WORST = (
+    "duration_s",
+    "exploration_s",
+    "wall_s",
+    "setpoint_jitter_p99_ms",
+    "setpoint_late_fraction",
+    "mock_late_fraction",
+)
+_UNKNOWN = ("redundant_fraction", "vehicles_per_cell", *CONTACT_FIGURES, *SPREAD_FIGURES)
+"""What no shard can tell, for it knows of its own vehicles' ways alone."""
+_SHOWN = ("vehicles", "outcome", "collisions", "min_separation_m", "setpoint_late_fraction")
+
+
+def join_shards(folder: Path, name: str, shards: Sequence[Path]) -> dict[str, Any]:
+    """Join the run folders of shards into one above them; give its summary.
+
+    Writes `truth/`, `summary.json` and pictures. A shard that left no summary is noted; KeyError
+    and such are not expected of one that did.
+    """
+    summaries, notes = [], []
+    for number, shard in enumerate(shards, start=1):
+        try:
+            summaries.append(json.loads((shard / "summary.json").read_text(encoding="utf-8")))
+        except (OSError, ValueError):
+            notes.append(f"shard {number} left no summary")
+            continue
+        notes += [f"shard {number}: {note}" for note in summaries[-1]["notes"]]
+    truth = _join_truths([read_truth(shard) for shard in shards])
+    outcomes = {"failed"} if len(summaries) < len(shards) else {one["outcome"] for one in summaries}
+    outcome = next(o for o in ("interrupted", "failed", "flown") if o in outcomes)
+    summary = {
+        "mission": name,
+        "outcome": outcome,
+        **{key: summaries[0][key] if summaries else None for key in _ALIKE},
+        **{key: _over(summaries, key, sum) for key in _SUMS},
+        **{key: _over(summaries, key, max) for key in _WORST},
+        "min_separation_m": _over(summaries, "min_separation_m", min),
+        "coverage_fraction": truth.numbers.get("coverage_fraction"),
+        "coverage_final_fraction": truth.numbers.get("coverage_fraction"),
+        "victims_found": truth.numbers.get("victims_found"),
+        "victims_total": truth.numbers.get("victims_total"),
+        **dict.fromkeys(_UNKNOWN),
+        "notes": notes,
+        "shards": [
+            {"folder": shard.name, **{key: one[key] for key in _SHOWN}}
+            for shard, one in zip(shards, summaries, strict=False)
+        ],
+    }
+    if truth.arrays:
+        _write_truth(folder / "truth", truth)
+        summary["notes"] += draw_pictures(folder, summary)
+    write_summary(folder, summary)
+    return summary
+
+
+def _over(
+    summaries: Sequence[Mapping[str, Any]], key: str, join: Callable[[list[Any]], Any]
+) -> Any:
+    """Join what is known of a figure; None where nobody knows it."""
+    known = [one[key] for one in summaries if one[key] is not None]
+    return join(known) if known else None
+
+
+def _join_truths(truths: Sequence[Truth]) -> Truth:
+    """Add up what the referees of all shards saw; an empty Truth unless all left theirs."""
+    if not truths or not all("volume_seen_s" in truth.arrays for truth in truths):
+        return Truth()
+    parts = [truth.arrays for truth in truths]
+    seen_s = np.fmin.reduce([part["volume_seen_s"] for part in parts])
+    free = parts[0]["volume_free"]
+    times_s = max((part["coverage_time_s"] for part in parts), key=len)
+    share = np.searchsorted(np.sort(seen_s[free]), times_s, side="right") / max(free.sum(), 1)
+    found_s = np.fmin.reduce([part["victim_found_s"] for part in parts])
+    track_s = max((part["track_time_s"] for part in parts), key=len)
+    seen_fraction = np.isfinite(seen_s).sum(axis=0) / np.maximum(free.sum(axis=0), 1)
+    arrays = {
+        **{
+            key: parts[0][key]
+            for key in ("free", "blocked", "cell_m", "origin_ne_m", "victims_ned_m")
+        },
+        "track_time_s": track_s,
+        "track_ned_m": np.concatenate([_track(part, track_s) for part in parts], axis=1),
+        "sysids": np.concatenate([part["sysids"] for part in parts]),
+        "starts_ned_m": np.concatenate([part["starts_ned_m"] for part in parts]),
+        "coverage_time_s": times_s,
+        "coverage_fraction": share,
+        "seen_s": np.fmin.reduce(seen_s, axis=0),
+        "seen_fraction": seen_fraction,
+        "victim_found_s": found_s,
+    }
+    numbers = {
+        "coverage_fraction": round(float(np.isfinite(seen_s[free]).mean()), 6),
+        "victims_found": int(np.isfinite(found_s).sum()),
+        "victims_total": len(found_s),
+        "sight_radius_m": truths[0].numbers.get("sight_radius_m"),
+    }
+    return Truth(numbers, arrays, truths[0].world)
+
+
+def _track(part: Mapping[str, NDArray[Any]], times_s: NDArray[Any]) -> NDArray[Any]:
+    """Tell where a shard's vehicles were at times of another one's clock, (times, vehicles, 3)."""
+    own_s, track = part["track_time_s"], part["track_ned_m"]
+    if not len(own_s):
+        return np.full((len(times_s), *track.shape[1:]), math.nan)
+    rows = np.searchsorted(own_s, times_s + 1e-6, side="right") - 1
+    where: NDArray[Any] = track[np.clip(rows, 0, len(own_s) - 1)]
+    return where
+
+
+def _write_truth(folder: Path, truth: Truth) -> None:
+    folder.mkdir(exist_ok=True)
+    np.savez_compressed(folder / "truth.npz", allow_pickle=False, **truth.arrays)
+    for name, values in (("truth.json", truth.numbers), ("world.json", truth.world)):
+        (folder / name).write_text(json.dumps(values) + "\n", encoding="utf-8")

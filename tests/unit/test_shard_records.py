@@ -1,0 +1,158 @@
+"""Shards of a run: who flies what, and their records as one."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from halls import write_hall
+
+from swarm_ctl.errors import MockError
+from swarm_ctl.experiment.check import check_shards, take_shard
+from swarm_ctl.flight import Faults, Shard
+from swarm_ctl.mission import Mission, load_mission
+from swarm_ctl.record.shards import join_shards
+from swarm_ctl.record.summary import report_lines
+
+TWO = "127.0.0.1:14700,127.0.0.1:14701"
+NAN = math.nan
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Callable[[int], Mission]:
+    """Give a function that makes a mission of so many vehicles."""
+    return lambda vehicles: load_mission(write_hall(tmp_path, {}), vehicles=vehicles)
+
+
+# -- who flies what ------------------------------------------------------------------------------
+
+
+def test_shards_of_one_network_share_its_sysids(mission: Callable[[int], Mission]) -> None:
+    assert take_shard(mission(3), TWO, 1) == Shard(1, TWO, 6, 0, range(1, 4))
+    assert take_shard(mission(3), TWO, 2) == Shard(2, TWO, 6, 0, range(4, 7))
+
+
+def test_more_vehicles_than_a_network_has_are_groups(mission: Callable[[int], Mission]) -> None:
+    assert take_shard(mission(250), TWO, 1) == Shard(1, TWO, 500, 1, range(1, 251))
+    assert take_shard(mission(250), TWO, 2) == Shard(2, TWO, 500, 2, range(1, 251))
+    check_shards(mission(250), 4)
+    with pytest.raises(MockError, match="300 vehicles are 2 groups of at most 250"):
+        check_shards(mission(100), 3)
+
+
+@pytest.mark.parametrize(
+    ("addresses", "number", "sentence"),
+    [
+        ("here", 1, r"--shards here: expected IP:PORT for each shard"),
+        (TWO, None, r"--shard is missing: say which of the 2 --shards this one is"),
+        (TWO, 3, r"--shard 3: say which of the 2 --shards this one is"),
+    ],
+)
+def test_a_shard_that_is_none_is_one_sentence(
+    mission: Callable[[int], Mission], addresses: str, number: int | None, sentence: str
+) -> None:
+    with pytest.raises(MockError, match=sentence):
+        take_shard(mission(2), addresses, number)
+
+
+def test_a_fault_names_a_vehicle_of_its_shard() -> None:
+    assert Faults.parse(["controller:5@2"], 3, first=4).controllers == ((2.0, 5),)
+    with pytest.raises(Exception, match="there is no vehicle 3; they are 4 to 6"):
+        Faults.parse(["controller:3@2"], 3, first=4)
+
+
+# -- their records as one ------------------------------------------------------------------------
+
+SUMMARY: dict[str, Any] = {
+    **dict.fromkeys(("world", "seed", "planner", "autopilot", "mode"), "same"),
+    **dict.fromkeys(("collisions", "messages_sent", "messages_received", "messages_lost"), 1),
+    **dict.fromkeys(("datagrams_unsent", "datagrams_unheard", "mock_dropped"), 0),
+    **dict.fromkeys(("duration_s", "exploration_s", "wall_s"), 10.0),
+    **dict.fromkeys(("path_length_m", "energy_kwh"), 5.0),
+    **dict.fromkeys(("setpoint_jitter_p99_ms", "setpoint_late_fraction", "mock_late_fraction"), 0),
+    "vehicles": 1,
+    "outcome": "flown",
+    "min_separation_m": 2.0,
+    "notes": [],
+}
+
+
+def shard(
+    folder: Path,
+    number: int,
+    seen_s: list[float],
+    *,
+    times_s: list[float],
+    found_s: float = NAN,
+    **changes: Any,
+) -> Path:
+    """Write the record of a shard with one vehicle in a corridor of four cells, one unreachable."""
+    path = folder / f"shard{number}"
+    (path / "truth").mkdir(parents=True)
+    (path / "summary.json").write_text(json.dumps({**SUMMARY, **changes}))
+    free = np.array([[[True, True, True, False]]])
+    track = np.zeros((len(times_s), 1, 3))
+    track[:, 0, 0] = 100.0 * number + np.array(times_s)
+    np.savez(
+        path / "truth" / "truth.npz",
+        volume_seen_s=np.array([[seen_s]], dtype=np.float32),
+        volume_free=free,
+        free=free.any(axis=0),
+        blocked=~free.any(axis=0),
+        cell_m=0.5,
+        origin_ne_m=np.zeros(2),
+        coverage_time_s=np.array(times_s),
+        track_time_s=np.array(times_s),
+        track_ned_m=track,
+        sysids=np.array([number]),
+        starts_ned_m=np.zeros((1, 3)),
+        victims_ned_m=np.zeros((1, 3)),
+        victim_found_s=np.array([found_s]),
+    )
+    (path / "truth" / "truth.json").write_text(json.dumps({"sight_radius_m": 1.0}))
+    (path / "truth" / "world.json").write_text("{}")
+    return path
+
+
+def test_what_shards_saw_is_seen_and_counts_once(tmp_path: Path) -> None:
+    first = shard(tmp_path, 1, [1.0, 5.0, NAN, NAN], times_s=[0.0, 2.0, 4.0, 6.0])
+    other = shard(
+        tmp_path, 2, [3.0, 2.0, NAN, NAN], times_s=[0.0, 2.0], found_s=1.5, min_separation_m=0.9
+    )
+    summary = join_shards(tmp_path, "corridor", [first, other])
+    assert summary == json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["mission"], summary["outcome"], summary["vehicles"]) == ("corridor", "flown", 2)
+    assert summary["coverage_fraction"] == pytest.approx(2 / 3, abs=1e-6)
+    assert (summary["victims_found"], summary["victims_total"]) == (1, 1)
+    assert (summary["collisions"], summary["min_separation_m"]) == (2, 0.9)
+    with np.load(tmp_path / "truth" / "truth.npz") as truth:
+        assert truth["coverage_time_s"].tolist() == [0.0, 2.0, 4.0, 6.0]
+        np.testing.assert_allclose(truth["coverage_fraction"], [0.0, 2 / 3, 2 / 3, 2 / 3])
+        assert truth["track_ned_m"][:, :, 0].tolist() == [
+            [100.0, 200.0],
+            [102.0, 202.0],
+            [104.0, 202.0],  # who has ended stays where it is
+            [106.0, 202.0],
+        ]
+    assert report_lines(summary, tmp_path) is not None
+
+
+def test_a_shard_that_left_no_record_fails_the_run_and_is_named(tmp_path: Path) -> None:
+    first = shard(tmp_path, 1, [1.0, NAN, NAN, NAN], times_s=[0.0, 2.0], notes=["a gust"])
+    summary = join_shards(tmp_path, "corridor", [first, tmp_path / "shard2"])
+    assert (summary["outcome"], summary["vehicles"]) == ("failed", 1)
+    assert summary["notes"][:2] == ["shard 1: a gust", "shard 2 left no summary"]
+    assert summary["coverage_fraction"] is None, "nobody knows what the other one saw"
+
+
+def test_one_interrupted_shard_is_an_interrupted_run(tmp_path: Path) -> None:
+    parts = [
+        shard(tmp_path, number, [NAN] * 4, times_s=[0.0], outcome=outcome)
+        for number, outcome in enumerate(("flown", "interrupted"), start=1)
+    ]
+    assert join_shards(tmp_path, "corridor", parts)["outcome"] == "interrupted"
