@@ -49,7 +49,9 @@ class Diary:
         self._phase: Phase | None = None
         self._state: Page = {}
         self._due_s = -math.inf
-        self._marks = len(agent.trail.marks)
+        agent.trail.fresh = agent.trail.fresh or []
+        self._marks = len(agent.trail.fresh)
+        """Those of an earlier process, which are written down already."""
         self._seen, self._known = len(agent.victims.seen), len(agent.victims.known)
         self._told: dict[int, int] = {}
         self._written_off = 0
@@ -92,9 +94,10 @@ class Diary:
     def _grown(self) -> Page:
         """Give the new ends of the lists."""
         agent, grown = self._agent, Page()
-        if marks := agent.trail.marks[self._marks :]:
+        fresh, agent.trail.fresh = agent.trail.fresh or [], []
+        if marks := fresh[self._marks :]:
             grown["trail"] = marks  # exact: rounding could change its cells
-            self._marks += len(marks)
+        self._marks = 0
         if self._has_new_victims():
             seen = list(agent.victims.seen.items())[self._seen :]
             known = list(agent.victims.known.values())[self._known :]
@@ -198,6 +201,7 @@ def _remember(agent: Agent, state: Page, pages: Sequence[Page], now: float) -> N
         {number: Vec3(*place) for number, *place in _all(pages, "victims")},
         (Report(number, by, Vec3(*place)) for number, by, *place in _all(pages, "told")),
     )
+    agent.trail.fresh = []
     for place in _all(pages, "trail"):
         agent.trail.mark(Vec3(*place))
     if agent.explorer is not None:

@@ -26,8 +26,9 @@ class Trail:
     """Cells visited, joined where the vehicle flew from one into the next."""
 
     def __init__(self) -> None:
-        self.marks: list[Vec3] = []
-        """Where a cell was entered, in order: marked again, they give the same trail."""
+        self.fresh: list[Vec3] | None = None
+        """Where cells were entered since somebody took these away, in order: marked again, all
+        give the same trail. None as long as nobody does."""
         self._places: dict[Cell, Vec3] = {}
         self._joined: dict[Cell, tuple[Cell, ...]] = {}
         """A few each, for whom a set is four times as large."""
@@ -42,7 +43,8 @@ class Trail:
         cell = _cell(position_ned_m)
         if cell == self._here:
             return
-        self.marks.append(position_ned_m)
+        if self.fresh is not None:
+            self.fresh.append(position_ned_m)
         is_new = cell not in self._places
         if is_new:
             self._places[cell] = position_ned_m

@@ -46,7 +46,7 @@ class Voice:
         self._mission, self._run = info.mission, info.run
         self._ids = self._deltas = restarts * RESTART_IDS
         self._ground = SeenGround(agent.orders.planner)
-        for place in agent.trail.marks:  # of an earlier process
+        for place in agent.trail.fresh or ():  # of an earlier process
             self._ground.fly_to(place)
         self._untold: Coverage | None = None
         """A delta that was sent and perhaps not taken."""

@@ -49,10 +49,11 @@ def test_a_vehicle_that_never_moved_is_home() -> None:
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), max_size=60))
 def test_ways_that_are_kept_up_are_those_that_are_found_anew(cells: list[tuple[int, int]]) -> None:
     kept = Trail()
+    kept.fresh = []
     for north, east in cells:
         kept.mark(Vec3(CELL_M * north, CELL_M * east, 0.0))
         anew = Trail()
-        for place in kept.marks:
+        for place in kept.fresh:
             anew.mark(place)
         assert kept.way_home() == anew.way_home()
 

@@ -198,6 +198,7 @@ async def test_what_a_restarted_controller_tells_is_added_to_what_was_told(
 ) -> None:
     for restarts in (0, 1):
         crew = Crew(tmp_path, broker.url)
+        crew.agents[1].trail.fresh = []  # as whoever reads a journal does
         for north_m in range(6):
             crew.agents[1].trail.mark(Vec3(0.5 * north_m, 0.0, -1.5))
         crew.publisher = Publisher(
