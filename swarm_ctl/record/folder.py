@@ -9,7 +9,8 @@ import itertools
 import json
 import platform
 import struct
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -23,8 +24,8 @@ from swarm_ctl.record.paths import PathRecorder, write_paths
 from swarm_ctl.record.resume import JOURNALS, head_of, journals_in, unfinished_run
 from swarm_ctl.record.tlog import EPOCH_S, FLUSH_S, TlogWriter
 
-PATHS_S = 10.0
-"""Mission time between two writings of `paths.json`."""
+PATHS_S = 5.0
+"""Mission time that a writing of `paths.json` takes: what it tells is at most twice as old."""
 
 Mode = Literal["udp", "virtual", "fly"]
 """Against mock vehicles over UDP or in memory, or with real vehicles."""
@@ -69,8 +70,10 @@ class RunFolder:
         self._tlogs: dict[int, TlogWriter] = {}
         self._paths: dict[int, PathRecorder] = {}
         self._paths_due_s = PATHS_S
-        self._ready = 0
-        """Paths made ready for the next writing."""
+        self._writing: Iterator[None] | None = None
+        """What writes `paths.json`, while it does."""
+        self._written = 0
+        """Vehicles that it has written."""
 
     @classmethod
     def create(
@@ -203,22 +206,29 @@ class RunFolder:
         return self._paths.setdefault(sysid, PathRecorder(sysid))
 
     def tick(self, now: float) -> None:
-        """Write `paths.json` when its time has come; call it as often as you like.
+        """Write `paths.json` anew every PATHS_S; call it as often as you like.
 
-        Until then each call prepares a part of it: at once, hundreds of vehicles take too long.
+        Each call writes a part of it: at once, hundreds of vehicles take too long.
         """
-        passed = 1.0 - (self._paths_due_s - now) / PATHS_S
-        ready, self._ready = self._ready, int(passed * len(self._paths))
-        for path in itertools.islice(self._paths.values(), ready, self._ready):
-            path.freshen()
-        if now >= self._paths_due_s:
-            self._paths_due_s, self._ready = now + PATHS_S, 0
-            self._write_paths()
+        if self._writing is None:
+            self._writing, self._written = self._write_paths(), 0
+        wanted = int((1.0 - (self._paths_due_s - now) / PATHS_S) * len(self._paths))
+        try:
+            for _ in itertools.islice(self._writing, max(0, wanted - self._written)):
+                self._written += 1
+            if now >= self._paths_due_s:
+                self._paths_due_s = now + PATHS_S
+                deque(self._writing, maxlen=0)
+                self._writing = None
+        except OSError:
+            self._writing = None
+            raise
 
     def close(self) -> None:
         """Write the paths and close every file."""
+        self._writing = None
         try:
-            self._write_paths()
+            deque(self._write_paths(), maxlen=0)
         finally:  # a full disk takes the paths, not the logs
             for tlog in self._tlogs.values():
                 tlog.close()
@@ -245,8 +255,9 @@ class RunFolder:
         for sysid, story in self._stories.items():
             self.waypoints(sysid).go_on(story.pages)
 
-    def _write_paths(self) -> None:
-        write_paths(self.path / "paths.json", (self._paths[sysid] for sysid in sorted(self._paths)))
+    def _write_paths(self) -> Iterator[None]:
+        paths = [self._paths[sysid] for sysid in sorted(self._paths)]
+        return write_paths(self.path / "paths.json", paths)
 
 
 def _epoch_s(mode: Mode, utc: datetime) -> float:

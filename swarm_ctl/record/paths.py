@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -103,15 +103,11 @@ class PathRecorder:
             "waypoints": [dict(waypoint) for waypoint in self._waypoints],
         }
 
-    def freshen(self) -> None:
-        """Make text of what is new; a part of the work of `text`, done when there is time."""
+    def text(self) -> str:
+        """Give `encoded` as JSON text, a line per waypoint."""
         for index in self._stale:
             self._json[index] = json.dumps(self._waypoints[index])
         self._stale.clear()
-
-    def text(self) -> str:
-        """Give `encoded` as JSON text, a line per waypoint."""
-        self.freshen()
         lines = ",\n".join(self._json)
         head = f'"sysid": {self.sysid}, "frame": {json.dumps(FRAME)}'
         return f'{{{head}, "waypoints": [\n{lines}\n]}}'
@@ -149,11 +145,18 @@ class PathRecorder:
         self._stale.add(index)
 
 
-def write_paths(path: Path, recorders: Iterable[PathRecorder]) -> None:
-    """Write `paths.json` in one go: a reader sees the old file or the new one."""
-    vehicles = ",\n".join(recorder.text() for recorder in recorders)
+def write_paths(path: Path, recorders: Sequence[PathRecorder]) -> Iterator[None]:
+    """Write `paths.json`, a vehicle for each time that something is asked for.
+
+    A reader sees the old file until the new one is whole. OSError when it cannot be written.
+    """
     draft = path.with_suffix(".tmp")
-    draft.write_text(f'{{"vehicles": [\n{vehicles}\n]}}\n', encoding="utf-8")
+    with draft.open("w", encoding="utf-8") as file:
+        file.write('{"vehicles": [')
+        for number, recorder in enumerate(recorders):
+            file.write((",\n" if number else "\n") + recorder.text())
+            yield
+        file.write("\n]}\n")
     draft.replace(path)
 
 

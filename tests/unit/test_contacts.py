@@ -1,6 +1,7 @@
 """A swarm whose contacts are known: four in a chain, cut in two from 10 s to 20 s."""
 
 import json
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -259,7 +260,7 @@ def test_real_vehicles_have_a_picture_of_their_contacts(tmp_path: Path) -> None:
     (tmp_path / "events.jsonl").write_text(events)
     path = PathRecorder(1)
     path.visited(0.0, ZERO, ())
-    write_paths(tmp_path / "paths.json", [path])
+    deque(write_paths(tmp_path / "paths.json", [path]))
     contacts = read_contacts(tmp_path)
     assert draw_own_paths(tmp_path, SUMMARY, {}, contacts) == []
     assert (tmp_path / "contacts.png").stat().st_size > 20_000

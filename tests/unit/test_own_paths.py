@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ def flown(run: Path, *paths: list[Vec3]) -> None:
         for second, place in enumerate(path):
             recorder.visited(float(second), place, ())
         recorder.target(9.0, Vec3(100.0, 100.0, 0.0))
-    write_paths(run / "paths.json", recorders)
+    deque(write_paths(run / "paths.json", recorders))
 
 
 def summary(run: Path) -> dict[str, Any]:
@@ -90,6 +91,6 @@ def test_each_vehicle_has_a_panel_to_the_same_scale(tmp_path: Path) -> None:
 
 
 def test_where_nothing_was_flown_there_is_no_picture(tmp_path: Path) -> None:
-    write_paths(tmp_path / "paths.json", [])
+    deque(write_paths(tmp_path / "paths.json", []))
     assert draw_own_paths(tmp_path, summary(tmp_path), {}) == ["no pictures: nothing was flown"]
     assert not (tmp_path / "paths.png").exists()

@@ -6,6 +6,7 @@ import builtins
 import json
 import math
 import re
+from collections import deque
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -251,8 +252,12 @@ def test_paths_are_written_as_the_run_goes_and_at_the_end(make: Make, tmp_path: 
         run.waypoints(2).visited(now, Vec3(now, 0.0, -1.0), ())
         run.waypoints(1).visited(now, Vec3(0.0, now, -1.0), ())
         run.tick(now)
-    vehicles = json.loads((run.path / "paths.json").read_text())["vehicles"]
-    assert [(one["sysid"], len(one["waypoints"])) for one in vehicles] == [(1, 21), (2, 21)]
+        if now < 5:
+            continue
+        vehicles = json.loads((run.path / "paths.json").read_text())["vehicles"]
+        assert [one["sysid"] for one in vehicles] == [1, 2]
+        for one in vehicles:
+            assert one["waypoints"][-1]["time_s"] >= now - 10.0, "no older than two writings"
     run.close()
     vehicles = json.loads((run.path / "paths.json").read_text())["vehicles"]
     assert vehicles[1] == run.waypoints(2).encoded()
@@ -264,10 +269,23 @@ def test_a_change_after_writing_is_written_next_time(tmp_path: Path) -> None:
     path, file = PathRecorder(1), tmp_path / "paths.json"
     path.visited(0.0, Vec3(0.0, 0.0, 0.0), ())
     path.target(0.0, Vec3(1.0, 0.0, 0.0))
-    write_paths(file, [path])
+    deque(write_paths(file, [path]))
     path.visited(1.0, Vec3(1.0, 0.0, 0.0), ())
-    write_paths(file, [path])
+    deque(write_paths(file, [path]))
     assert json.loads(file.read_text()) == {"vehicles": [path.encoded()]}
+
+
+def test_a_full_disk_is_told_and_paths_are_written_once_there_is_room(
+    make: Make, tmp_path: Path
+) -> None:
+    run = make(tmp_path / "run")
+    run.waypoints(1).visited(0.0, Vec3(0.0, 0.0, -1.0), ())
+    (run.path / "paths.tmp").mkdir()
+    with pytest.raises(OSError, match=r"paths\.tmp"):
+        run.tick(5.0)
+    (run.path / "paths.tmp").rmdir()
+    run.tick(5.1)
+    assert len(json.loads((run.path / "paths.json").read_text())["vehicles"]) == 1
 
 
 # -- summary ---------------------------------------------------------------------------------------
