@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from mock_vehicle.autopilot import ardupilot_traits, px4_traits
 from mock_vehicle.autopilot.ardupilot import ArduPilot
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.px4 import Px4
@@ -21,7 +22,8 @@ from swarm_ctl import wire
 Personality = Literal["px4", "ardupilot"]
 PERSONALITIES: Mapping[str, type[Autopilot]] = {"px4": Px4, "ardupilot": ArduPilot}
 LIMITS: Mapping[str, Limits] = {
-    name: autopilot.traits.limits for name, autopilot in PERSONALITIES.items()
+    "px4": px4_traits.TRAITS.limits,
+    "ardupilot": ardupilot_traits.TRAITS.limits,
 }
 """How each personality flies, for `Dynamics`."""
 

@@ -61,7 +61,7 @@ SENSORS_S = 2.5
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x300400F, 0x301400F, 0x320C83F
 SENSOR_GNSS = 0x20
 GCS_TIMEOUT_S = 3.0
-LOOP_S, ACKS_PER_LOOP = 0.01, 4
+LOOP_S, ACKS_PER_LOOP = 0.01, 4.0
 """The commander's loop, and how many acknowledgements fit into its queue."""
 
 

@@ -16,7 +16,7 @@ from swarm_ctl.explore.company import Company
 from swarm_ctl.explore.frontier import find_way, find_way_to
 from swarm_ctl.explore.logbook import Logbook
 from swarm_ctl.explore.memory import VisitedMap, three
-from swarm_ctl.explore.pieces import LINE, WALL_X
+from swarm_ctl.explore.pieces import LINE, WALL_X, points
 from swarm_ctl.explore.planner import SLOW, OnePlan, Plan, PlannerParams
 from swarm_ctl.explore.pso import fly_one
 from swarm_ctl.explore.repulsion import repel
@@ -164,7 +164,7 @@ class Explorer:
     def _paint(self, news: News) -> None:
         shift, last_cm = news.shift_m, news.before_cm
         last = last_cm and [cm / 100.0 + s for cm, s in zip(last_cm, shift, strict=True)]
-        for kind, point_cm in news.entries:
+        for kind, point_cm in zip(news.kinds, points(news.numbers_cm, self._d), strict=True):
             point = [cm / 100.0 + s for cm, s in zip(point_cm, shift, strict=True)]
             if kind >= WALL_X:
                 self.memory.wall(point, kind - WALL_X)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from array import array
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -44,15 +45,23 @@ class Piece(NamedTuple):
         """The length of a log that ends with it."""
         return self.begin + len(self.kinds)
 
-    def entries(self, known: int = 0) -> list[Entry]:
-        """Give the entries that are new where the log is known up to a length."""
-        skip, dimensions = max(0, known - self.begin), len(self.shift_cm)
-        points = zip(*[iter(self.numbers_cm[skip * dimensions :])] * dimensions, strict=True)
-        return list(map(Entry, self.kinds[skip:], points))
+    def beyond(self, known: int) -> tuple[list[int], tuple[int, ...]]:
+        """Give kinds and numbers of what is new where the log is known up to a length."""
+        skip = known - self.begin
+        if skip <= 0:
+            return self.kinds, self.numbers_cm
+        return self.kinds[skip:], self.numbers_cm[skip * len(self.shift_cm) :]
 
 
-def encode(origin: int, begin: int, shift_m: Shift, entries: Sequence[Entry]) -> tuple[bytes, int]:
-    """Pack as many entries from `begin` on as a payload takes; give it and their number.
+def points(numbers_cm: Iterable[int], dimensions: int) -> Iterator[tuple[int, ...]]:
+    """Give the points that numbers are, one after the other."""
+    return zip(*[iter(numbers_cm)] * dimensions, strict=True)
+
+
+def encode(
+    origin: int, begin: int, shift_m: Shift, kinds: bytearray, numbers_cm: array[int]
+) -> tuple[bytes, int]:
+    """Pack as many entries of a log from `begin` on as a payload takes; give it and their number.
 
     Version and dimensions, origin, begin, shift, count, kinds (half a byte each), points.
     """
@@ -61,12 +70,13 @@ def encode(origin: int, begin: int, shift_m: Shift, entries: Sequence[Entry]) ->
     shift = [max(-32767, min(32767, round(value * 100.0))) for value in shift_m]
     head += struct.pack(f"<{dimensions}h", *shift)
     room = PAYLOAD_BYTES - len(head) - 2
-    chosen = entries[begin : begin + 2 * room // (4 * dimensions + 1)]
-    kinds = [entry.kind for entry in chosen] + [0] * (len(chosen) % 2)
-    packed = bytes([low | high << 4 for low, high in zip(kinds[::2], kinds[1::2], strict=True)])
-    points = [value for entry in chosen for value in entry.point_cm]
-    data = head + bytes([len(chosen)]) + packed + struct.pack(f"<{len(points)}h", *points)
-    return data, len(chosen)
+    chosen = kinds[begin : begin + 2 * room // (4 * dimensions + 1)]
+    count = len(chosen)
+    chosen += bytes(count % 2)
+    packed = bytes([low | high << 4 for low, high in zip(chosen[::2], chosen[1::2], strict=True)])
+    numbers = numbers_cm[begin * dimensions : (begin + count) * dimensions]
+    data = head + bytes([count]) + packed + struct.pack(f"<{len(numbers)}h", *numbers)
+    return data, count
 
 
 def decode(data: bytes, dimensions: int) -> Piece | None:

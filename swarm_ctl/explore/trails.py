@@ -10,6 +10,7 @@ they would grow by half a cell at every hop (ALGORITHM 2.6).
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from swarm_ctl.explore.pieces import (
     Shift,
     decode,
     encode,
+    points,
     read_summary,
     varint,
 )
@@ -44,24 +46,34 @@ class News(NamedTuple):
     shift_m: Shift
     before_cm: tuple[int, ...] | None
     """The last point of the trail that the entries go on from."""
-    entries: list[Entry]
+    kinds: Sequence[int]
+    numbers_cm: Sequence[int]
+    """Their points, one after the other."""
 
 
 class _Log:
-    """The prefix that is known of one origin's log."""
+    """The prefix that is known of one origin's log: seven bytes an entry, as there are many."""
 
     def __init__(self) -> None:
-        self.entries: list[Entry] = []
+        self.kinds = bytearray()
+        self.numbers_cm = array("h")
+        """The points of all entries, one after the other."""
         self.last_cm: tuple[int, ...] | None = None
         self.shift_m: Shift | None = None
         self.waiting: dict[int, Piece] = {}
 
-    def extend(self, entries: Sequence[Entry], shift_m: Shift) -> News:
-        news = News(shift_m, self.last_cm, list(entries))
-        self.entries.extend(entries)
-        for entry in entries:
-            if entry.kind <= LINE:
-                self.last_cm = entry.point_cm
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+    def extend(self, kinds: Sequence[int], numbers_cm: Sequence[int], shift_m: Shift) -> News:
+        news = News(shift_m, self.last_cm, kinds, numbers_cm)
+        self.kinds.extend(kinds)
+        self.numbers_cm.extend(numbers_cm)
+        dimensions = len(numbers_cm) // len(kinds)
+        for at in range(len(kinds) - 1, -1, -1):
+            if kinds[at] <= LINE:
+                self.last_cm = tuple(numbers_cm[at * dimensions : (at + 1) * dimensions])
+                break
         return news
 
 
@@ -89,17 +101,18 @@ class Trails:
         """Write a line into one's own log; what int16 centimetres cannot say is left out."""
         own = self._logs[self.own]
         point = tuple(round(value * 100.0) for value in point_m)
-        if len(own.entries) < MOST_ENTRIES and all(abs(value) <= 32767 for value in point):
-            own.extend([Entry(kind, point)], ())
-            self._contacts.offer(self.own, len(own.entries))
+        if len(own) < MOST_ENTRIES and all(abs(value) <= 32767 for value in point):
+            own.extend([kind], point, ())
+            self._contacts.offer(self.own, len(own))
 
     def length(self, origin: int) -> int:
         """Tell how many entries of an origin's log are known."""
-        return len(self._logs[origin].entries) if origin in self._logs else 0
+        return len(self._logs[origin]) if origin in self._logs else 0
 
     def entries(self, origin: int) -> Sequence[Entry]:
         """Give what is known of an origin's log."""
-        return tuple(self._logs[origin].entries) if origin in self._logs else ()
+        log = self._logs.get(origin, _Log())
+        return tuple(map(Entry, log.kinds, points(log.numbers_cm, self._dimensions)))
 
     def last_m(self, origin: int) -> list[float]:
         """Give the last point of an origin's trail, in its own frame, m; empty before the first."""
@@ -113,8 +126,8 @@ class Trails:
         payloads = []
         for origin, log in self._logs.items():
             begin = known.get(origin, 0)
-            while begin < len(log.entries):
-                data, count = encode(origin, begin, log.shift_m or (), log.entries)
+            while begin < len(log):
+                data, count = encode(origin, begin, log.shift_m or (), log.kinds, log.numbers_cm)
                 payloads.append(data)
                 begin += count
             known[origin] = begin
@@ -141,7 +154,7 @@ class Trails:
         others = origins[1:]
         turn = self._turn % len(others) if others else 0
         for told, origin in enumerate([self.own, *others[turn:], *others[:turn]]):
-            pair = varint(origin) + varint(len(self._logs[origin].entries))
+            pair = varint(origin) + varint(len(self._logs[origin]))
             if len(packed) + len(pair) > SUMMARY_BYTES:
                 self._turn += told - 1
                 break
@@ -172,8 +185,10 @@ class Trails:
             if len(payloads) == most:
                 break
             begin, log = lack.begin, self._logs[lack.origin]
-            while begin < len(log.entries) and len(payloads) < most:
-                data, count = encode(lack.origin, begin, log.shift_m or (), log.entries)
+            while begin < len(log) and len(payloads) < most:
+                data, count = encode(
+                    lack.origin, begin, log.shift_m or (), log.kinds, log.numbers_cm
+                )
                 payloads.append(data)
                 begin += count
             self._contacts.sent(lack, begin, now)
@@ -215,18 +230,18 @@ class Trails:
                 log.waiting[piece.begin] = piece
         news = []
         for begin in sorted(log.waiting):
-            if begin > len(log.entries):
+            if begin > len(log):
                 break
-            fresh = log.waiting.pop(begin).entries(len(log.entries))
-            if fresh and len(log.entries) + len(fresh) <= MOST_ENTRIES:
-                news.append(log.extend(fresh, shift_m))
+            kinds, numbers_cm = log.waiting.pop(begin).beyond(len(log))
+            if kinds and len(log) + len(kinds) <= MOST_ENTRIES:
+                news.append(log.extend(kinds, numbers_cm, shift_m))
         self._offer(piece.origin, log)
         return news
 
     def _offer(self, origin: int, log: _Log) -> None:
         """Let peers be told of a log, unless its frame is unknown or too far off."""
         is_near = log.shift_m is not None and max(map(abs, log.shift_m)) <= FAR_M
-        self._contacts.offer(origin, len(log.entries) if is_near else 0)
+        self._contacts.offer(origin, len(log) if is_near else 0)
 
 
 def log_of(sysid: int, birth: int) -> int:

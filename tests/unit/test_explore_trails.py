@@ -1,3 +1,7 @@
+from __future__ import annotations
+
+from array import array
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +17,7 @@ from swarm_ctl.explore.pieces import (
     Entry,
     decode,
     encode,
+    points,
 )
 from swarm_ctl.explore.planner import PlannerParams
 from swarm_ctl.explore.trails import SUMMARY_BYTES, Trails
@@ -133,11 +138,17 @@ def test_a_piece_of_a_stranger_waits_for_nobody() -> None:
     assert reader.trails.length(1) == 0
 
 
+def flat(entries: list[Entry]) -> tuple[bytearray, array[int]]:
+    """Give entries as a log holds them."""
+    kinds = bytearray(entry.kind for entry in entries)
+    return kinds, array("h", (cm for entry in entries for cm in entry.point_cm))
+
+
 def test_a_log_is_never_rewritten_by_others() -> None:
     reader = explorer(2)
     before = reader.trails.entries(2)
     meet(reader, explorer(1), HERE)
-    forged, _ = encode(2, 0, (0.0, 0.0), [Entry(START, (7, 7))] * 9)
+    forged, _ = encode(2, 0, (0.0, 0.0), *flat([Entry(START, (7, 7))] * 9))
     reader.hear_chunk(1, forged)
     assert reader.trails.entries(2) == before
 
@@ -152,13 +163,16 @@ def test_a_log_is_never_rewritten_by_others() -> None:
 def test_a_payload_holds_what_was_put_in(origin: int, begin: int, d: int, kinds: list[int]) -> None:
     entries = [Entry(0, (0,) * d)] * begin
     entries += [Entry(kind, tuple(range(i, i + d))) for i, kind in enumerate(kinds)]
-    data, count = encode(origin, begin, (1.5, -2.25, 3.0)[:d], entries)
+    data, count = encode(origin, begin, (1.5, -2.25, 3.0)[:d], *flat(entries))
     assert len(data) <= PAYLOAD_BYTES
     piece = decode(data, d)
     assert piece is not None
     assert (piece.origin, piece.begin) == (origin, begin)
     assert piece.shift_cm == (150, -225, 300)[:d]
-    assert piece.entries() == entries[begin : begin + count]
+    for known in (0, begin, begin + count // 2, begin + count):
+        new = entries[max(begin, known) : begin + count]
+        told, numbers_cm = piece.beyond(known)
+        assert list(map(Entry, told, points(numbers_cm, d))) == new
     assert count == min(len(kinds), count)
     assert count >= min(len(kinds), 15)
 
@@ -186,7 +200,7 @@ def test_a_summary_of_a_large_swarm_takes_turns() -> None:
     trails = Trails(300, 2)
     reader = Trails(301, 2)
     for origin in range(1, 120):
-        data, _ = encode(origin, 0, (0.0, 0.0), [Entry(WALL_X, (1, 1))])
+        data, _ = encode(origin, 0, (0.0, 0.0), *flat([Entry(WALL_X, (1, 1))]))
         trails.meet(origin, 0.0, (0.0, 0.0))
         trails.hear_chunk(origin, data, 0.0)
     for _ in range(6):
