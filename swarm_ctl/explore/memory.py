@@ -28,6 +28,10 @@ MOST_CELLS = 1 << 25
 """A map larger than this is somebody's mistake; what lies outside is not remembered."""
 
 
+FAR = 1 << 22
+"""More than twice as many cells as there can be along an axis."""
+
+
 class VisitedMap:
     """Cells of `cell_m`, squares in 2-D and cubes in 3-D, that only ever gain flags.
 
@@ -47,7 +51,7 @@ class VisitedMap:
         self.low = np.array([-MARGIN_CELLS, -MARGIN_CELLS, -deep // 2 if deep > 1 else 0])
         """Index of the grid's low corner among all cells; cell 0 begins at the frame's origin."""
         self._corner: list[int] = self.low.tolist()
-        self._walls: set[tuple[int, int, int, int]] = set()
+        self._walls: set[int] = set()
         """Cells and axes of what is marked already; most walls are seen many times."""
         self.grid: Grid = np.zeros((2 * MARGIN_CELLS, 2 * MARGIN_CELLS, deep), dtype=np.uint8)
 
@@ -108,19 +112,15 @@ class VisitedMap:
         In 3-D a wall is a patch of 3 x 3 cells across the `axis` (0 to 2) along which it was seen:
         few beams would leave gaps in it otherwise.
         """
-        x, y, z = place = self._place(point_m)
-        i, j, k = math.floor(x), math.floor(y), math.floor(z)
-        cx, cy, cz = self._corner
-        if (i + cx, j + cy, k + cz, axis) in self._walls:
+        place = self._place(point_m)
+        i, j, k = map(math.floor, place)
+        wall = self._number(i, j, k, axis)
+        if wall in self._walls:
             return False  # as for most, and when it was marked, there was room around its cell
         if self._reserve(place, place, self._dilation + 2.0):
-            x, y, z = self._place(point_m)
-            i, j, k = math.floor(x), math.floor(y), math.floor(z)
-            cx, cy, cz = self._corner
-        if not self._holds(i, j, k):
-            return False
-        wall = (i + cx, j + cy, k + cz, axis)
-        if wall in self._walls:
+            i, j, k = map(math.floor, self._place(point_m))
+            wall = self._number(i, j, k, axis)
+        if not self._holds(i, j, k) or wall in self._walls:
             return False
         self._walls.add(wall)
         is_new = not int(self.grid[i, j, k]) & WALL
@@ -131,6 +131,11 @@ class VisitedMap:
         self._box((i, j, k), reach, WALL)
         self._box((i, j, k), [part + self._dilation for part in reach], NEAR_WALL)
         return is_new
+
+    def _number(self, i: int, j: int, k: int, axis: int) -> int:
+        """Tell a cell and an axis by one number, which stays theirs when the grid grows."""
+        x, y, z = self._corner
+        return (((i + x) * FAR + j + y) * FAR + k + z) * 3 + axis
 
     def give_up(self, position_m: Sequence[float] | Floats, radius_m: float) -> None:
         """Write off the unknown cells around a position, in a box of half size `radius_m`."""
