@@ -276,8 +276,9 @@ def _fly_udp(flight: UdpRun, console: Console, mqtt: str | None, *, waits: bool)
     ):
 
         def show(flight: UdpRun) -> None:
-            snapshots = [controller.agent.snapshot() for controller in flight.controllers]
-            view.update(flight.now, snapshots, flight.referee)
+            if view.is_due:
+                snapshots = [controller.agent.snapshot() for controller in flight.controllers]
+                view.update(flight.now, snapshots, flight.referee)
 
         try:
             event_loop.run(flight.fly(show))

@@ -198,7 +198,8 @@ async def _record(flight: RealRun, mission: Mission, console: PipeConsole) -> st
         def show() -> None:
             while flight.found:
                 console.print(flight.found.pop(0), markup=False, soft_wrap=True)
-            view.update(flight.now, [one.agent.snapshot() for one in flight.controllers])
+            if view.is_due:
+                view.update(flight.now, [one.agent.snapshot() for one in flight.controllers])
 
         await flight.fly(show)
     with console.status("writing the record"):

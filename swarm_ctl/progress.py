@@ -86,6 +86,11 @@ class ProgressView:
             self._live.stop()
             self._live = None
 
+    @property
+    def is_due(self) -> bool:
+        """Whether an update would be drawn: hundreds of snapshots are not made for nothing."""
+        return self._clock() - self._drawn_at >= (LINE_S if self._live is None else REFRESH_S)
+
     def update(
         self,
         time_s: float,
@@ -98,7 +103,7 @@ class ProgressView:
         """
         wall_s = self._clock()
         self._began = self._began or (wall_s, time_s)
-        if wall_s - self._drawn_at < (LINE_S if self._live is None else REFRESH_S):
+        if not self.is_due:
             return
         self._drawn_at = wall_s
         factor = self._factor(wall_s, time_s)
