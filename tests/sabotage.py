@@ -38,8 +38,9 @@ def _merge_twice(patch: pytest.MonkeyPatch) -> None:
     """Take entries of a trail that are known already for new ones."""
     extend = trails._Log.extend
 
-    def extended(log: Any, entries: Any, shift_m: Any) -> Any:
-        return extend(log, [*entries, *entries] if shift_m else entries, shift_m)
+    def extended(log: Any, kinds: Any, numbers_cm: Any, shift_m: Any) -> Any:
+        again = 2 if shift_m else 1
+        return extend(log, [*kinds] * again, [*numbers_cm] * again, shift_m)
 
     patch.setattr(trails._Log, "extend", extended)
 
