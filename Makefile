@@ -36,7 +36,7 @@ docs: venv  ## build the documentation as a site into build/site; a warning is a
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "build/site/index.html"
 
-bench: venv  ## measure what docs/performance.md tells of (10 minutes); figures as JSON in build/bench
+bench: venv  ## measure what docs/performance.md tells of (15 minutes); figures as JSON in build/bench
 	$(BIN)/python benchmarks/run.py
 
 crash: venv  ## kill the controllers of ten flying vehicles ten times (7 minutes)

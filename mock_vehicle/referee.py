@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from mock_vehicle.coverage import Coverage
 
@@ -59,6 +59,24 @@ class Contacts:
         self.lasts = bool(np.count_nonzero(self._touching))
 
 
+class Rows:
+    """Rows of one shape that grow in number, as bytes: objects would take ten times as much."""
+
+    def __init__(self, dtype: DTypeLike, *shape: int) -> None:
+        self._dtype, self._shape, self._count = np.dtype(dtype), shape, 0
+        self._bytes = bytearray()
+
+    def add(self, row: ArrayLike) -> None:
+        """Add one."""
+        self._bytes += np.asarray(row, self._dtype).tobytes()
+        self._count += 1
+
+    def array(self) -> NDArray[Any]:
+        """Give a copy of all, (count, *shape)."""
+        rows = np.frombuffer(bytes(self._bytes), self._dtype)
+        return rows.reshape(self._count, *self._shape)
+
+
 class Referee:
     """Watches the whole fleet; no vehicle and no controller hears of it."""
 
@@ -86,12 +104,15 @@ class Referee:
         self._airborne = np.zeros(n, dtype=bool)
         self._now = 0.0
         self._ticks = 0
-        self._curve: list[tuple[float, float]] = []
-        self._track: list[tuple[float, FLOATS, BOOLS]] = []
-        """Time, where everybody was, who was airborne."""
-        self._links: list[NDArray[np.uint8]] = []
-        """At each time of the curve: which pairs hear each other, packed as bits."""
+        self._curve = Rows(np.float64, 2)
+        """Time, and the share that was seen by then."""
+        self._track_s = Rows(np.float64)
+        self._track_ned_m, self._airborne_then = Rows(np.float32, n, 3), Rows(np.bool_, n)
+        """At each time of the track: where everybody was, who was airborne."""
+        self._next_s = {"curve": -math.inf, "track": -math.inf}
         self._pair_of = np.triu_indices(n, 1)
+        self._links = Rows(np.uint8, -(len(self._pair_of[0]) // -8))
+        """At each time of the curve: which pairs hear each other, packed as bits."""
 
     @property
     def collisions(self) -> int:
@@ -152,12 +173,16 @@ class Referee:
         if self._ticks % COVER_EVERY == 0:
             self.coverage.cover(position_ned_m, airborne, now)
         self._ticks += 1
-        if not self._track or now >= self._track[-1][0] + TRACK_S - 1e-6:
-            self._track.append((now, position_ned_m.astype(np.float32), airborne))
-        if not self._curve or now >= self._curve[-1][0] + CURVE_S - 1e-6:
-            self._curve.append((now, self.coverage.fraction))
+        if now >= self._next_s["track"]:
+            self._next_s["track"] = now + TRACK_S - 1e-6
+            self._track_s.add(now)
+            self._track_ned_m.add(position_ned_m)
+            self._airborne_then.add(airborne)
+        if now >= self._next_s["curve"]:
+            self._next_s["curve"] = now + CURVE_S - 1e-6
+            self._curve.add((now, self.coverage.fraction))
             first, second = self._pair_of
-            self._links.append(np.packbits(linked[first, second] & linked[second, first]))
+            self._links.add(np.packbits(linked[first, second] & linked[second, first]))
 
     def snapshot(self) -> dict[str, Any]:
         """Say how the run goes, in JSON values."""
@@ -203,7 +228,7 @@ class Referee:
             "pair_collisions": self._pair_collisions,
             "setpoint_jitter_p99_ms": self.setpoint_jitter_p99_ms(),
             **(UNCOUNTED if so_far else self._redundancy()),
-            "coverage_curve": [list(point) for point in self._curve],
+            "coverage_curve": self._curve.array().tolist(),
             "victims": [
                 {
                     "name": victim.name,
@@ -251,13 +276,9 @@ class Referee:
                 self.victim_found_by[victim] = self._vehicles[vehicle].sysid
                 self.victim_found_s[victim] = now
 
-    def _track_ned_m(self) -> FLOATS:
-        return np.array([at for _, at, _ in self._track]).reshape(-1, len(self._vehicles), 3)
-
     def _redundancy(self) -> Mapping[str, float | None]:
         """Tell how much was seen by several vehicles that one would have been enough for."""
-        airborne = np.array([flies for _, _, flies in self._track], dtype=bool)
-        seers = self.coverage.seers(self._track_ned_m(), airborne.reshape(-1, len(self._vehicles)))
+        seers = self.coverage.seers(self._track_ned_m.array(), self._airborne_then.array())
         seers = seers[seers > 0]
         if not len(seers):
             return UNCOUNTED
@@ -271,12 +292,13 @@ class Referee:
         seen = ~np.isnan(grid.seen_s)
         columns = grid.free.sum(axis=0)
         victims = [victim.position_ned_m for victim in self._world.victims]
+        curve = self._curve.array()
         return {
-            "track_time_s": np.array([time for time, _, _ in self._track]),
-            "track_ned_m": self._track_ned_m(),
-            "coverage_time_s": np.array([time for time, _ in self._curve]),
-            "coverage_fraction": np.array([fraction for _, fraction in self._curve]),
-            "links": np.array(self._links, dtype=np.uint8),
+            "track_time_s": self._track_s.array(),
+            "track_ned_m": self._track_ned_m.array(),
+            "coverage_time_s": curve[:, 0],
+            "coverage_fraction": curve[:, 1],
+            "links": self._links.array(),
             "seen_s": np.fmin.reduce(grid.seen_s, axis=0),
             "seen_fraction": seen.sum(axis=0) / np.maximum(columns, 1),
             "free": grid.free.any(axis=0),
