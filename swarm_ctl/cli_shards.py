@@ -54,8 +54,8 @@ def fly_shards(context: typer.Context, mission: Mission, shards: int, out: Path 
         check_world,
     )
 
-    if not 1 <= shards <= 99:
-        raise SwarmError(f"--shards {shards}: expected 1 to 99")
+    if not 2 <= shards <= 99:
+        raise SwarmError(f"--shards {shards}: expected 2 to 99")
     for name, reason in ALONE.items():
         if context.params[name]:
             raise SwarmError(f"--{name}: {reason}; leave out this or --shards")

@@ -46,10 +46,11 @@ _SHOWN = ("vehicles", "outcome", "collisions", "min_separation_m", "setpoint_lat
 def join_shards(folder: Path, name: str, shards: Sequence[Path]) -> dict[str, Any]:
     """Join the run folders of shards into one above them; give its summary.
 
-    Writes `truth/`, `summary.json` and pictures. A shard that left no summary is noted; KeyError
-    and such are not expected of one that did.
+    Writes `truth/`, `summary.json` and pictures. A shard that left no summary is noted.
     """
-    summaries, notes = [], []
+    summaries: list[dict[str, Any]] = []
+    told: list[dict[str, Any]] = []
+    notes: list[str] = []
     for number, shard in enumerate(shards, start=1):
         try:
             summaries.append(json.loads((shard / "summary.json").read_text(encoding="utf-8")))
@@ -57,6 +58,7 @@ def join_shards(folder: Path, name: str, shards: Sequence[Path]) -> dict[str, An
             notes.append(f"shard {number} left no summary")
             continue
         notes += [f"shard {number}: {note}" for note in summaries[-1]["notes"]]
+        told.append({"folder": shard.name, **{key: summaries[-1][key] for key in _SHOWN}})
     truth = _join_truths([read_truth(shard) for shard in shards])
     outcomes = {"failed"} if len(summaries) < len(shards) else {one["outcome"] for one in summaries}
     outcome = next(o for o in ("interrupted", "failed", "flown") if o in outcomes)
@@ -73,10 +75,7 @@ def join_shards(folder: Path, name: str, shards: Sequence[Path]) -> dict[str, An
         "victims_total": truth.numbers.get("victims_total"),
         **dict.fromkeys(_UNKNOWN),
         "notes": notes,
-        "shards": [
-            {"folder": shard.name, **{key: one[key] for key in _SHOWN}}
-            for shard, one in zip(shards, summaries, strict=False)
-        ],
+        "shards": told,
     }
     if truth.arrays:
         _write_truth(folder / "truth", truth)

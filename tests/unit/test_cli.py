@@ -298,7 +298,8 @@ def test_the_live_view_fits_into_80_columns(hall: Hall) -> None:
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (("--shards", 0), "--shards 0: expected 1 to 99"),
+        (("--shards", 0), "--shards 0: expected 2 to 99"),
+        (("--shards", 1), "--shards 1: expected 2 to 99"),
         (("--shards", 2, "--virtual"), "--virtual: a flight in virtual time is one process"),
         (("--shards", 2, "--show"), "--show: shards have vehicles of one sysid"),
         (("--shards", 2, "--fault", "dead:1@3"), "--fault: every shard would break its own"),

@@ -148,6 +148,8 @@ def test_a_shard_that_left_no_record_fails_the_run_and_is_named(tmp_path: Path) 
     assert (summary["outcome"], summary["vehicles"]) == ("failed", 1)
     assert summary["notes"][:2] == ["shard 1: a gust", "shard 2 left no summary"]
     assert summary["coverage_fraction"] is None, "nobody knows what the other one saw"
+    summary = join_shards(tmp_path, "corridor", [tmp_path / "shard2", first])
+    assert [one["folder"] for one in summary["shards"]] == ["shard1"]
 
 
 def test_one_interrupted_shard_is_an_interrupted_run(tmp_path: Path) -> None:
