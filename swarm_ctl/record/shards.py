@@ -98,17 +98,15 @@ def _join_truths(truths: Sequence[Truth]) -> Truth:
         return Truth()
     parts = [truth.arrays for truth in truths]
     seen_s = np.fmin.reduce([part["volume_seen_s"] for part in parts])
-    free = parts[0]["volume_free"]
+    free = np.logical_or.reduce([part["volume_free"] for part in parts])  # from anybody's start
     times_s = max((part["coverage_time_s"] for part in parts), key=len)
     share = np.searchsorted(np.sort(seen_s[free]), times_s, side="right") / max(free.sum(), 1)
     found_s = np.fmin.reduce([part["victim_found_s"] for part in parts])
     track_s = max((part["track_time_s"] for part in parts), key=len)
     seen_fraction = np.isfinite(seen_s).sum(axis=0) / np.maximum(free.sum(axis=0), 1)
     arrays = {
-        **{
-            key: parts[0][key]
-            for key in ("free", "blocked", "cell_m", "origin_ne_m", "victims_ned_m")
-        },
+        **{key: parts[0][key] for key in ("blocked", "cell_m", "origin_ne_m", "victims_ned_m")},
+        "free": free.any(axis=0),
         "track_time_s": track_s,
         "track_ned_m": np.concatenate([_track(part, track_s) for part in parts], axis=1),
         "sysids": np.concatenate([part["sysids"] for part in parts]),

@@ -89,21 +89,22 @@ def shard(
     *,
     times_s: list[float],
     found_s: float = NAN,
+    free: tuple[bool, ...] = (True, True, True, False),
     **changes: Any,
 ) -> Path:
     """Write the record of a shard with one vehicle in a corridor of four cells, one unreachable."""
     path = folder / f"shard{number}"
     (path / "truth").mkdir(parents=True)
     (path / "summary.json").write_text(json.dumps({**SUMMARY, **changes}))
-    free = np.array([[[True, True, True, False]]])
+    volume = np.array([[free]])
     track = np.zeros((len(times_s), 1, 3))
     track[:, 0, 0] = 100.0 * number + np.array(times_s)
     np.savez(
         path / "truth" / "truth.npz",
         volume_seen_s=np.array([[seen_s]], dtype=np.float32),
-        volume_free=free,
-        free=free.any(axis=0),
-        blocked=~free.any(axis=0),
+        volume_free=volume,
+        free=volume.any(axis=0),
+        blocked=~volume.any(axis=0),
         cell_m=0.5,
         origin_ne_m=np.zeros(2),
         coverage_time_s=np.array(times_s),
@@ -140,6 +141,14 @@ def test_what_shards_saw_is_seen_and_counts_once(tmp_path: Path) -> None:
             [106.0, 202.0],
         ]
     assert report_lines(summary, tmp_path) is not None
+
+
+def test_ground_counts_that_can_be_reached_from_the_starts_of_any_shard(tmp_path: Path) -> None:
+    west = shard(tmp_path, 1, [1.0, NAN, NAN, NAN], times_s=[0.0], free=(True, True, False, False))
+    east = shard(tmp_path, 2, [NAN, NAN, 2.0, NAN], times_s=[0.0], free=(False, False, True, True))
+    assert join_shards(tmp_path, "corridor", [west, east])["coverage_fraction"] == 0.5
+    with np.load(tmp_path / "truth" / "truth.npz") as truth:
+        assert truth["free"].tolist() == [[True] * 4]
 
 
 def test_a_shard_that_left_no_record_fails_the_run_and_is_named(tmp_path: Path) -> None:
