@@ -51,6 +51,8 @@ class Voice:
         self._untold: Coverage | None = None
         """A delta that was sent and perhaps not taken."""
         self._is_first = True
+        self._pen = asyncio.Lock()
+        """Held while an event or a delta is on its way."""
 
     @property
     def will(self) -> aiomqtt.Will | None:
@@ -88,8 +90,9 @@ class Voice:
             works = (self._tell_events(client), self._tell_ground(client))
             telling = [tasks.create_task(work, name=f"bus {self.name}") for work in works]
             await self._tell_states(client)
-            for task in telling:
-                task.cancel()
+            async with self._pen:  # what is cancelled on its way would be told twice
+                for task in telling:
+                    task.cancel()
         await self._say_last_words(client)
 
     async def _tell_states(self, client: aiomqtt.Client) -> None:
@@ -108,8 +111,9 @@ class Voice:
     async def _tell_due_events(self, client: aiomqtt.Client) -> None:
         while (event := self.journal.due()) is not None:
             where = event_topic(self._mission, event.sysid, event.id)
-            await client.publish(where, event.dump(), qos=1, retain=True)
-            self.journal.taken(event)
+            async with self._pen:
+                await client.publish(where, event.dump(), qos=1, retain=True)
+                self.journal.taken(event)
         while (number := self.journal.retire()) is not None:
             where = event_topic(self._mission, self._agent.sysid, number)
             await client.publish(where, b"", qos=1, retain=True)
@@ -128,9 +132,10 @@ class Voice:
         if self._untold is None and (rows := self._ground.news()):
             self._deltas += 1
             self._untold = self._coverage(rows)
-        if self._untold is not None:
-            await self._tell(client, "coverage", self._untold.dump(), retain=False)
-            self._untold = None
+        async with self._pen:
+            if self._untold is not None:
+                await self._tell(client, "coverage", self._untold.dump(), retain=False)
+                self._untold = None
 
     async def _tell_all_ground(self, client: aiomqtt.Client) -> None:
         if self._ground.cells:

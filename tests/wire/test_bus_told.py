@@ -269,6 +269,26 @@ async def test_a_frozen_broker_holds_up_nobody_and_loses_nothing(
     assert len(log.events()) == len(set(log.events())) == 100
 
 
+async def test_what_is_on_its_way_when_the_mission_ends_is_told_once(
+    broker: Mosquitto, tmp_path: Path
+) -> None:
+    crew = Crew(tmp_path, broker.url)
+    teller = crew.publisher._voices[1]
+    async with subscriber(broker.port) as log, crew.on_air():
+        crew.fly_to(1, 0.0)
+        await until(lambda: sum(one.sysid == 1 for one in log.told(State)) > 1)
+        broker.freeze()
+        crew.note(1, "late")
+        crew.fly_to(1, 1.0)
+        await until(lambda: teller._untold is not None)
+        crew.land()
+        await asyncio.sleep(3.0 * voice.STATE_S)
+        broker.thaw()
+        await until(lambda: log.status(1) == "done")
+    assert log.events() == [(1, 1)]
+    assert [t for t, _ in log.heard].count("swarm/hall/1/coverage") == 1
+
+
 async def test_what_never_got_out_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(publisher, "LAST_WORDS_S", 0.2)
     crew = Crew(tmp_path, "mqtt://127.0.0.1:1")

@@ -98,6 +98,11 @@ class Pad:
             self.state(sysid).get("phase") in phases for sysid in range(1, len(self.ports) + 1)
         )
 
+    def has_restarted(self, times: int) -> bool:
+        """Tell whether every vehicle's last controller has written what it goes on from."""
+        states = [self.state(one + 1) for one in range(len(self.ports))]
+        return all(state.get("restart") == times for state in states)
+
     def has_explored(self, seconds: float) -> bool:
         state = self.state(1)
         begun_s = state.get("explored_from_s")
@@ -132,7 +137,7 @@ Build = Callable[..., Pad]
 def test_a_mission_survives_two_kills(pad: Build) -> None:
     field = pad(3)
     field.fly()
-    for flown_s in (2.0, 6.0):
+    for restart, flown_s in enumerate((2.0, 6.0), 1):
         field.wait_for(lambda flown_s=flown_s: field.has_explored(flown_s))  # type: ignore[misc]
         begun_s = [field.state(sysid)["explored_from_s"] for sysid in (1, 2, 3)]
         before = {file: file.read_bytes() for file in record(field.out)}
@@ -140,7 +145,8 @@ def test_a_mission_survives_two_kills(pad: Build) -> None:
         whole = {file: file.read_bytes() for file in record(field.out)}
         assert all(whole[file].startswith(data) for file, data in before.items())
         field.fly()
-        field.wait_for(lambda: field.all_in("holding", "exploring"))
+        field.wait_for(lambda restart=restart: field.has_restarted(restart))  # type: ignore[misc]
+        assert field.all_in("holding", "exploring")
         assert all(file.read_bytes().startswith(data) for file, data in whole.items())
     said, complained = field.processes[-1].communicate(timeout=PATIENCE_S)
     assert field.processes[-1].returncode == 0, said + complained
