@@ -13,7 +13,7 @@ from pathlib import Path
 
 PROGRAM = shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin:/usr/local/sbin")
 PASSWORDS = shutil.which("mosquitto_passwd")
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 
 
 class Mosquitto:

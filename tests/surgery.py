@@ -17,7 +17,7 @@ from swarm_ctl.doctor.patient import Patient
 from swarm_ctl.mission import Mission, load_mission
 
 STEP_S = 0.02
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 HEALTHY: dict[str, dict[str, float]] = {
     "px4": {"COM_OBL_RC_ACT": 4, "COM_RC_IN_MODE": 1},
     "ardupilot": {"GUID_TIMEOUT": 1, "BATT_FS_LOW_ACT": 1, "FS_OPTIONS": 20},

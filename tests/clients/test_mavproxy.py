@@ -14,7 +14,7 @@ from mock_process import Mock
 
 pytestmark = pytest.mark.clients
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 MAVPROXY = Path(sys.executable).with_name("mavproxy.py")
 PLAN = """QGC WPL 110
 0\t0\t0\t16\t0\t0\t0\t0\t47.3979217\t8.5458596\t489.4\t1

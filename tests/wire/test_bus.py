@@ -31,7 +31,7 @@ pytestmark = [
     pytest.mark.skipif(PROGRAM is None or PASSWORDS is None, reason="mosquitto is not installed"),
 ]
 
-PATIENCE_S = 20.0
+PATIENCE_S = 30.0
 Start = Callable[..., Mosquitto]
 
 

@@ -23,7 +23,7 @@ from swarm_ctl.link.stream import AGAIN_S
 
 pytestmark = pytest.mark.wire
 
-PATIENCE_S = 8.0
+PATIENCE_S = 30.0
 
 
 class Ears:

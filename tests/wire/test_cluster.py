@@ -27,7 +27,7 @@ from swarm_ctl.experiment.sweep import Job, Row, run_experiment
 pytestmark = pytest.mark.wire
 
 WORLD = Path(__file__).resolve().parents[2] / "missions" / "worlds" / "open_2d.yaml"
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 RESULTS = ("trials.csv", "cells.csv", "summary.json")
 
 

@@ -35,7 +35,7 @@ MISSION: dict[str, Any] = {
     "planner": {"kind": "lf-pso", "levy_min_m": 2.0, "avoid_distance_m": 0.7},
     "flight": {"height_m": 1.5, "climb_m_s": 1.0},
 }
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 URL = "udpin://127.0.0.1:1454"
 LANDING = {"AUTO.LAND", "LAND"}
 ARM = wire.message("COMMAND_LONG")

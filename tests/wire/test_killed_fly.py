@@ -27,7 +27,7 @@ from swarm_ctl.run.guardian import Ways
 pytestmark = pytest.mark.wire
 
 SPEED = 2
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 ROAM = {"kind": "lf-pso", "levy_min_m": 5.0, "avoid_distance_m": 0.7}
 CLIMB = {"height_m": 1.5, "climb_m_s": 1.0}
 EXPLORE = {

@@ -13,7 +13,7 @@ from swarm_ctl.link.udp import DATAGRAM_BYTES, MOST_PER_WAKE_UP, UdpLink
 
 pytestmark = pytest.mark.wire
 
-PATIENCE_S = 5.0
+PATIENCE_S = 30.0
 
 
 @pytest.fixture

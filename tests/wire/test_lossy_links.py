@@ -15,7 +15,7 @@ from mock_vehicle.testing import RealVehicle
 
 pytestmark = pytest.mark.wire
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 ATTITUDE, AUTOPILOT_VERSION = 30, 148
 
 

@@ -32,7 +32,7 @@ from swarm_ctl.signing import Verdict, key_of
 
 pytestmark = pytest.mark.wire
 
-PATIENCE_S = 5.0
+PATIENCE_S = 30.0
 QUIET_S = 0.1
 KEY, BEGAN = key_of("swarm"), 1 << 45
 TUNNEL = wire.message("TUNNEL")

@@ -18,7 +18,7 @@ from mock_vehicle.testing import Plan, RealSwarm, RealVehicle, launch
 
 pytestmark = pytest.mark.wire
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 HEAVY = {
     "numpy",
     "pydantic",

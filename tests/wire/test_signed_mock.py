@@ -23,7 +23,7 @@ pytestmark = pytest.mark.wire
 
 WORLD = "{name: yard, size_m: [30, 20], ceiling_m: 5}"
 PASSPHRASE = "correct horse battery staple"  # noqa: S105 - of nothing but this test
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 UNSIGNED, REPLAYED = "Unsigned commands refused", "Replayed commands refused"
 
 

@@ -17,7 +17,7 @@ from mock_vehicle.testing import RealVehicle
 
 pytestmark = pytest.mark.wire
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 SYSID, CONTROLLER = 3, 191
 LAND, PAUSE_CONTINUE = 21, 193
 vehicle = pytest.mark.mock_vehicle.with_args(sysid=SYSID, rates="full", speed=4)
