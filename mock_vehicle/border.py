@@ -143,12 +143,11 @@ class Border:
         for one in self._neighbours.values():
             if one.heard_s is not None and wall_s - one.heard_s > LOST_S:
                 one.heard_s = None
-                self._abroad.forget(one.shard)
-                LOG.warning(
-                    "shard %d is not heard any more: its %d vehicles are down or lost",
-                    one.shard,
-                    len(one.vehicles),
-                )
+                lost = self._abroad.forget(one.shard)
+                if lost:
+                    LOG.warning("shard %d is lost, and %d vehicles in the air", one.shard, lost)
+                else:
+                    LOG.warning("shard %d has ended, all its vehicles are down", one.shard)
 
     def _send(self, letters: Sequence[bytes], *, to_all: bool) -> None:
         for address, one in self._neighbours.items():

@@ -126,12 +126,14 @@ class Abroad:
             return False
         return frame[3 if frame[0] == MAVLINK_1 else 5] == self._sysids.get(vehicle)
 
-    def forget(self, shard: int) -> None:
-        """Let the vehicles of a shard that is not heard any more be nowhere."""
+    def forget(self, shard: int) -> int:
+        """Let the vehicles of a shard that is not heard any more be nowhere; count who flew."""
         self.latest_s.pop(shard, None)
         gone = self._shard == shard
+        flew = int(np.count_nonzero(gone & (self._flags & GROUNDED == 0)))
         self._position_ned_m[gone], self._velocity_ned_m_s[gone] = NOWHERE_M, 0.0
         self._told_s[gone], self._shard[gone], self._flags[gone] = 0.0, 0, 0
+        return flew
 
     def note(
         self,

@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm_ctl.errors import SwarmError
 from swarm_ctl.record.contacts import CONTACT_FIGURES
 from swarm_ctl.record.plots import draw_pictures
+from swarm_ctl.record.reader import Run
+from swarm_ctl.record.report import REPORT, try_report
 from swarm_ctl.record.spread import SPREAD_FIGURES
 from swarm_ctl.record.summary import write_summary
 from swarm_ctl.record.truth import Truth, read_truth
@@ -46,7 +49,9 @@ _SHOWN = ("vehicles", "outcome", "collisions", "min_separation_m", "setpoint_lat
 def join_shards(folder: Path, name: str, shards: Sequence[Path]) -> dict[str, Any]:
     """Join the run folders of shards into one above them; give its summary.
 
-    Writes `truth/`, `summary.json` and pictures. A shard that left no summary is noted.
+    It becomes a run folder itself, of all vehicles, with pictures and a report; only telemetry logs
+    stay where they are, and groups of vehicles, whose sysids repeat, are not told of one by one.
+    A shard that left no summary is noted.
     """
     summaries: list[dict[str, Any]] = []
     told: list[dict[str, Any]] = []
@@ -80,8 +85,37 @@ def join_shards(folder: Path, name: str, shards: Sequence[Path]) -> dict[str, An
     if truth.arrays:
         _write_truth(folder / "truth", truth)
         summary["notes"] += draw_pictures(folder, summary)
+    summary["notes"] += _tell_of_each(folder, shards, summary, summaries)
     write_summary(folder, summary)
     return summary
+
+
+def _tell_of_each(
+    folder: Path,
+    shards: Sequence[Path],
+    summary: dict[str, Any],
+    summaries: Sequence[Mapping[str, Any]],
+) -> list[str]:
+    """Write mission, events, paths and report of all vehicles; give a note if there is none."""
+    vehicles = [vehicle for one in summaries for vehicle in one["per_vehicle"]]
+    if len({vehicle["sysid"] for vehicle in vehicles}) < len(vehicles):
+        return [f"no {REPORT}: vehicles of several groups share sysids; each shard has its own"]
+    summary["per_vehicle"] = vehicles
+    try:
+        runs = [Run.read(shard) for shard in shards if (shard / "mission.json").exists()]
+    except SwarmError as error:
+        return [f"no {REPORT}: {error}"]
+    if not runs:
+        return [f"no {REPORT}: no shard left its mission"]
+    started = {**runs[0].started, "shards": len(shards)}
+    (folder / "mission.json").write_text(json.dumps(started, indent=2) + "\n", encoding="utf-8")
+    entries = [entry for run in runs for entry in run.entries if "sysid" in entry or run is runs[0]]
+    entries.sort(key=lambda entry: entry.get("time_s", -math.inf))
+    lines = "".join(json.dumps(entry) + "\n" for entry in entries)
+    (folder / "events.jsonl").write_text(lines, encoding="utf-8")
+    paths = {"vehicles": [path for run in runs for path in run.paths]}
+    (folder / "paths.json").write_text(json.dumps(paths) + "\n", encoding="utf-8")
+    return try_report(folder, summary)
 
 
 def _over(

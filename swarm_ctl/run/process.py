@@ -16,8 +16,8 @@ from swarm_ctl.errors import MockError
 START_S = 30.0
 """Longest wait for the mock to open its ports, wall time."""
 LAST_WORDS_S = 2.0
-RELIEF = "is here"
-"""How it takes back that it waits for another shard."""
+RELIEF = "is here", "are down"
+"""How it takes back that it waits for another shard, and says that one has ended as it should."""
 STOP_S = 10.0
 
 

@@ -16,6 +16,8 @@ from swarm_ctl.errors import MockError
 from swarm_ctl.experiment.check import check_shards, take_shard
 from swarm_ctl.flight import Faults, Shard
 from swarm_ctl.mission import Mission, load_mission
+from swarm_ctl.record.reader import Run
+from swarm_ctl.record.report import write_report
 from swarm_ctl.record.shards import join_shards
 from swarm_ctl.record.summary import report_lines
 
@@ -79,6 +81,7 @@ SUMMARY: dict[str, Any] = {
     "outcome": "flown",
     "min_separation_m": 2.0,
     "notes": [],
+    "per_vehicle": [],
 }
 
 
@@ -118,6 +121,61 @@ def shard(
     (path / "truth" / "truth.json").write_text(json.dumps({"sight_radius_m": 1.0}))
     (path / "truth" / "world.json").write_text("{}")
     return path
+
+
+def tell(path: Path, mission: Mission, sysid: int, done_s: float) -> Path:
+    """Let a shard have written of its one vehicle what every run does."""
+    started = {"mission": mission.dump(), "seed": 1, "mode": "udp", "faults": [], "versions": {}}
+    started["started_utc"] = "2026-11-23T08:20:41+00:00"
+    (path / "mission.json").write_text(json.dumps(started))
+    phase = {"before": "landing", "after": "done", "reason": ""}
+    done = {"event": "PhaseChanged", "time_s": done_s, "sysid": sysid, "data": phase}
+    lines = [json.dumps(entry) for entry in ({"event": "RunStarted", "seed": 1}, done)]
+    (path / "events.jsonl").write_text("\n".join(lines) + "\n")
+    waypoints = [{"time_s": 1.0, "position_m": [0.0, 0.0, -1.0], "kind": "flown"}]
+    (path / "paths.json").write_text(
+        json.dumps({"vehicles": [{"sysid": sysid, "waypoints": waypoints}]})
+    )
+    vehicle = {"sysid": sysid, "phase": "done", "path_length_m": 5.0, "autopilot": "px4"}
+    vehicle |= dict.fromkeys(("messages_sent", "messages_received", "messages_lost"), 1)
+    summary = json.loads((path / "summary.json").read_text())
+    (path / "summary.json").write_text(json.dumps({**summary, "per_vehicle": [vehicle]}))
+    (path / "tlogs").mkdir()
+    (path / "tlogs" / f"vehicle-{sysid:03d}.tlog").write_bytes(b"")
+    return path
+
+
+def test_the_folder_above_shards_is_a_run_folder_with_a_report(
+    tmp_path: Path, mission: Callable[[int], Mission]
+) -> None:
+    seen: dict[str, Any] = {"seen_s": [1.0, NAN, NAN, NAN], "times_s": [0.0, 2.0]}
+    parts = [
+        tell(shard(tmp_path, number, **seen), mission(1), number, done_s)
+        for number, done_s in ((1, 9.0), (2, 7.0))
+    ]
+    summary = join_shards(tmp_path, "corridor", parts)
+    assert summary["notes"] == []
+    run = Run.read(tmp_path)
+    assert run.sysids == [1, 2]
+    assert [entry.get("sysid") for entry in run.entries] == [None, 2, 1], "by their time"
+    assert run.tlog(2) == parts[1] / "tlogs" / "vehicle-002.tlog"
+    assert [vehicle["sysid"] for vehicle in run.summary["per_vehicle"]] == [1, 2]
+    page = (tmp_path / "report.html").read_text()
+    assert "2 shards" in page
+    assert f"swarm-ctl run {tmp_path.name}/mission.json --shards 2" in page
+    written = page.encode()
+    (tmp_path / "report.html").unlink()
+    assert write_report(tmp_path).read_bytes() == written, "as `swarm-ctl report` writes it"
+
+
+def test_groups_share_sysids_and_have_no_report_together(
+    tmp_path: Path, mission: Callable[[int], Mission]
+) -> None:
+    seen: dict[str, Any] = {"seen_s": [1.0, NAN, NAN, NAN], "times_s": [0.0, 2.0]}
+    parts = [tell(shard(tmp_path, number, **seen), mission(1), 1, 9.0) for number in (1, 2)]
+    (note,) = join_shards(tmp_path, "corridor", parts)["notes"]
+    assert note.startswith("no report.html: vehicles of several groups share sysids")
+    assert not (tmp_path / "mission.json").exists()
 
 
 def test_what_shards_saw_is_seen_and_counts_once(tmp_path: Path) -> None:

@@ -314,7 +314,8 @@ def test_a_lost_shard_takes_its_vehicles_along_and_may_come_back(yard: World) ->
     abroad = both.fleets[0].abroad
     assert abroad is not None
     assert len(abroad.strangers(both.now).position_ned_m) == 2
-    abroad.forget(2)
+    assert abroad.forget(2) == 1, "one of its two was in the air"
+    assert abroad.forget(2) == 0
     assert abroad.slowest_s() == math.inf
     both.fleets[0].step(both.now + STEP_S)
     for _ in range(4):

@@ -69,7 +69,10 @@ def test_two_shards_fly_one_world_and_leave_one_record(hall: Hall, swarm_ctl_run
     assert most < summary["coverage_fraction"] <= both + 1e-6
     for key in ("messages_sent", "path_length_m", "collisions"):
         assert summary[key] == pytest.approx(sum(one[key] for one in alone))
-    assert {"paths.png", "coverage.png", "coverage_map.png"} <= {
+    assert not [note for note in summary["notes"] if "complaint" in note], (
+        "all ended as they should"
+    )
+    assert {"paths.png", "coverage.png", "coverage_map.png", "report.html"} <= {
         entry.name for entry in session.out.iterdir()
     }
 

@@ -40,6 +40,7 @@ def _head(run: Run) -> Markup:
     flown = {"fly": "real vehicles", "udp": "mock vehicles", "virtual": "mock, virtual time"}
     facts = [
         "1 vehicle" if count == 1 else f"{count} vehicles",
+        f"{shards} shards" if (shards := run.started.get("shards")) else "",
         str(summary.get("autopilot") or mission.get("autopilot")),
         f"planner {mission['planner']['kind']}",
         f"seed {run.started.get('seed')}",
@@ -98,9 +99,10 @@ def repeat_section(run: Run) -> Markup:
     seed, folder = run.started.get("seed"), run.path.name
     file = shlex.quote(f"{folder}/mission.json")
     faults = "".join(f" --fault {shlex.quote(fault)}" for fault in run.started.get("faults", ()))
+    shards = f" --shards {run.started['shards']}" if "shards" in run.started else ""
     commands = {
         "virtual": f"swarm-ctl run {file} --virtual{faults}",
-        "udp": f"swarm-ctl run {file}{faults}",
+        "udp": f"swarm-ctl run {file}{faults}{shards}",
         "fly": f"swarm-ctl fly {file} --connect URL",
     }
     promise = {
