@@ -161,7 +161,7 @@ def run(
     if is_number(shards) and shard is None:
         raise typer.Exit(fly_shards(context, chosen, int(shards or 1), out))
     part = _part_of(chosen, shards, shard)
-    if part is not None and part.group:  # a network of its own, and a mission of its own
+    if part is not None and part.is_grouped:  # a network of its own, and a mission of its own
         chosen = chosen.model_copy(update={"name": f"{chosen.name}-group{part.group}"})
     _world_of(chosen)
     faults = Faults.parse(fault or [], chosen.vehicles, part.sysids.start if part else 1)

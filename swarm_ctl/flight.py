@@ -78,13 +78,15 @@ class Shard(NamedTuple):
     vehicles: int
     """Of all shards."""
     group: int
-    """Number of its MAVLink network, from 1 on; 0 where there is but one."""
+    """Number of its MAVLink network, from 1 on."""
     sysids: range
     """Of its own vehicles."""
+    is_grouped: bool = False
+    """Whether there are other networks."""
 
 
-def orders_of(mission: Mission) -> Orders:
-    """Give what every vehicle of a mission is told before take-off."""
+def orders_of(mission: Mission, group: int = 1) -> Orders:
+    """Give what every vehicle of a mission, or of one group of it, is told before take-off."""
     return Orders(
         mission=mission.name,
         duration_s=mission.duration_s,
@@ -94,6 +96,7 @@ def orders_of(mission: Mission) -> Orders:
         seed=mission.seed,
         frame=mission.frame,
         ranging=mission.ranging,
+        group=group,
     )
 
 
@@ -103,12 +106,13 @@ def controllers_for(
     sysids: Sequence[int] | None = None,
     *,
     delay_s: float = 0.0,
+    group: int = 1,
 ) -> list[Controller]:
     """Build one controller per vehicle of a mission: of these sysids, or as many from 1 on.
 
     The first takes off `delay_s` after it is ready, the others as the mission spaces them.
     """
-    orders = orders_of(mission)
+    orders = orders_of(mission, group)
     if mission.planner.kind == "explore":
         warm_up(mission.planner)
     spacing_s = mission.flight.start_spacing_s

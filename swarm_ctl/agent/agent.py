@@ -67,6 +67,14 @@ class Orders:
     seed: int
     frame: FrameParams = field(default_factory=FrameParams)
     ranging: RangingParams = field(default_factory=RangingParams)
+    group: int = 1
+    """Which of the mission's MAVLink networks this is: sysids repeat, random draws do not."""
+
+    def seed_of(self, sysid: int, restarts: int) -> tuple[int, ...]:
+        """Give the seed of a vehicle's random draws, another one after every restart."""
+        if self.group > 1:
+            return self.seed, sysid, restarts, self.group
+        return (self.seed, sysid, restarts) if restarts else (self.seed, sysid)
 
 
 class Agent:
@@ -134,7 +142,7 @@ class Agent:
             orders.planner,
             speed_m_s=orders.flight.speed_m_s,
             climb_m_s=orders.flight.climb_m_s,
-            seeds=[(orders.seed, sysid, restarts) if restarts else (orders.seed, sysid)],
+            seeds=[orders.seed_of(sysid, restarts)],
             sysid=sysid,
             birth=birth,
         )

@@ -49,10 +49,10 @@ def take_shard(mission: Mission, addresses: str, number: int | None) -> Shard:
         part = choose(len(places) * mission.vehicles, places, number)
     except ValueError as error:
         raise MockError(str(error)) from None
-    group = part.group if len(part.members) < part.vehicles else 0
     first = 1 + part.own.start - part.members.start
     sysids = range(first, first + len(part.own))
-    return Shard(part.shard, addresses, part.vehicles, group, sysids)
+    is_grouped = len(part.members) < part.vehicles
+    return Shard(part.shard, addresses, part.vehicles, part.group, sysids, is_grouped)
 
 
 def check_shards(mission: Mission, shards: int) -> None:

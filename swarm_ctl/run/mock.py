@@ -48,8 +48,9 @@ class UdpRun(Fleet):
         shard: Shard | None = None,
     ) -> None:
         """Prepare a run, or that of one shard; with a key of 32 bytes all said in it is signed."""
-        sysids = None if shard is None else shard.sysids
-        super().__init__(controllers_for(mission, folder, sysids), folder, speed=speed)
+        sysids, group = (shard.sysids, shard.group) if shard else (None, 1)
+        controllers = controllers_for(mission, folder, sysids, group=group)
+        super().__init__(controllers, folder, speed=speed)
         self.mission = mission
         self._shard = shard
         self.referee: dict[str, Any] | None = None

@@ -14,12 +14,13 @@ from halls import write_hall
 
 from swarm_ctl.errors import MockError
 from swarm_ctl.experiment.check import check_shards, take_shard
-from swarm_ctl.flight import Faults, Shard
+from swarm_ctl.flight import Faults, Shard, controllers_for
 from swarm_ctl.mission import Mission, load_mission
 from swarm_ctl.record.reader import Run
 from swarm_ctl.record.report import write_report
 from swarm_ctl.record.shards import join_shards
 from swarm_ctl.record.summary import report_lines
+from swarm_ctl.record.unrecorded import Unrecorded
 
 TWO = "127.0.0.1:14700,127.0.0.1:14701"
 NAN = math.nan
@@ -35,13 +36,13 @@ def mission(tmp_path: Path) -> Callable[[int], Mission]:
 
 
 def test_shards_of_one_network_share_its_sysids(mission: Callable[[int], Mission]) -> None:
-    assert take_shard(mission(3), TWO, 1) == Shard(1, TWO, 6, 0, range(1, 4))
-    assert take_shard(mission(3), TWO, 2) == Shard(2, TWO, 6, 0, range(4, 7))
+    assert take_shard(mission(3), TWO, 1) == Shard(1, TWO, 6, 1, range(1, 4))
+    assert take_shard(mission(3), TWO, 2) == Shard(2, TWO, 6, 1, range(4, 7))
 
 
 def test_more_vehicles_than_a_network_has_are_groups(mission: Callable[[int], Mission]) -> None:
-    assert take_shard(mission(250), TWO, 1) == Shard(1, TWO, 500, 1, range(1, 251))
-    assert take_shard(mission(250), TWO, 2) == Shard(2, TWO, 500, 2, range(1, 251))
+    assert take_shard(mission(250), TWO, 1) == Shard(1, TWO, 500, 1, range(1, 251), True)
+    assert take_shard(mission(250), TWO, 2) == Shard(2, TWO, 500, 2, range(1, 251), True)
     check_shards(mission(250), 4)
     with pytest.raises(MockError, match="300 vehicles are 2 groups of at most 250"):
         check_shards(mission(100), 3)
@@ -60,6 +61,20 @@ def test_a_shard_that_is_none_is_one_sentence(
 ) -> None:
     with pytest.raises(MockError, match=sentence):
         take_shard(mission(2), addresses, number)
+
+
+def test_vehicles_of_two_groups_draw_numbers_of_their_own(
+    mission: Callable[[int], Mission],
+) -> None:
+    chosen = mission(2)
+    agents = [controllers_for(chosen, Unrecorded(), group=group)[0].agent for group in (1, 1, 2, 3)]
+    plans = [
+        agent._ask([0.0, 0.0, -1.5][: chosen.planner.dimensions], 0.0, [math.inf] * 6, [])
+        for agent in agents
+    ]
+    first, again, *others = [tuple(plan.target_m) for plan in plans]
+    assert first == again
+    assert len({first, *others}) == 3
 
 
 def test_a_fault_names_a_vehicle_of_its_shard() -> None:
