@@ -182,7 +182,7 @@ def _rank(
     """Rank frontiers, 1 is best: one behind another by how many peers are closer to it."""
     row = ranks.reshape(-1)
     frontier = np.flatnonzero(row.view(np.bool_))  # bytes of 0 and 1, and quicker found as such
-    at = np.stack(np.unravel_index(frontier, ranks.shape), axis=1)
+    at = np.unravel_index(frontier, ranks.shape)
     if others.places_m:
         own = _far2(at, memory.cells(position_m))
         closer = sum(_far2(at, memory.cells(place)) < own for place in others.places_m)
@@ -204,9 +204,10 @@ def _rank(
         row[rim[row[rim] > 0]] = kernels.SLIVER + 1
 
 
-def _far2(at: NDArray[np.intp], place: Floats) -> Floats:
-    """Squared distances of padded cells (n, 3) from a place in cells (3,)."""
-    far2: Floats = ((at - (place + 0.5)) ** 2).sum(axis=1)
+def _far2(at: Sequence[NDArray[np.intp]], place: Floats) -> Floats:
+    """Squared distances of padded cells, an array for each axis, from a place in cells (3,)."""
+    dx, dy, dz = (cells - part for cells, part in zip(at, place + 0.5, strict=True))
+    far2: Floats = dx * dx + dy * dy + dz * dz
     return far2
 
 
@@ -226,11 +227,11 @@ def _pocket(unknown: Cells, place: Floats, offsets: NDArray[np.int_]) -> NDArray
 
 
 def _near(
-    at: NDArray[np.intp], taken: Sequence[Floats], exclusion: float, dimensions: int
+    at: Sequence[NDArray[np.intp]], taken: Sequence[Floats], exclusion: float, dimensions: int
 ) -> NDArray[np.bool_]:
-    """Tell of padded cells (n, 3) which are closer than `exclusion` to one of the places."""
-    near = np.zeros(len(at), dtype=np.bool_)
-    x, y, z = (at + 0.5).T
+    """Tell of padded cells which are closer than `exclusion` to one of the places."""
+    x, y, z = (cells + 0.5 for cells in at)
+    near = np.zeros(len(x), dtype=np.bool_)
     for place in taken:
         far2 = (x - place[0]) ** 2 + (y - place[1]) ** 2
         if dimensions == 3:
