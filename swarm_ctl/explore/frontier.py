@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -55,7 +56,7 @@ def find_way(
     padded = np.pad(memory.grid, 1)
     unknown = _unknown(padded, memory.dimensions, gap_cells)
     ranks = _frontier(unknown, memory.dimensions)
-    ranks[padded & VISITED == 0] = 0  # no way leads there, and most of a map is unknown
+    ranks &= padded & VISITED  # both 0 or 1: no way leads elsewhere, and most of a map is unknown
     _rank(ranks, unknown, memory, position_m, others)
     corners = _corners(memory, position_m, padded, ranks, unknown)
     if corners:
@@ -150,7 +151,7 @@ def _unknown(padded: Cells, dimensions: int, gap_cells: int) -> Cells:
         for gap in range(1, gap_cells + 1):
             posts = along[: -gap - 1] & along[gap + 1 :]
             for part in range(1, gap + 1):
-                cells[part : part + len(posts)][posts] = 0
+                cells[part : part + len(posts)] &= ~posts
     for axis in range(dimensions):
         edges = np.moveaxis(unknown, axis, 0)
         edges[0] = edges[-1] = kernels.BORDER
@@ -213,10 +214,10 @@ def _far2(at: Sequence[NDArray[np.intp]], place: Floats) -> Floats:
 
 def _pocket(unknown: Cells, place: Floats, offsets: NDArray[np.int_]) -> NDArray[np.int64] | None:
     """Give the pocket of unknown cells around a place; None where it is open ground."""
-    index = np.floor(place).astype(int)
-    if (index < 1).any() or (index >= np.array(unknown.shape) - 1).any():
+    (i, j, k), (nx, ny, nz) = map(math.floor, place.tolist()), unknown.shape
+    if not (0 < i < nx - 1 and 0 < j < ny - 1 and 0 < k < nz - 1):
         return None
-    cell = int(np.ravel_multi_index(tuple(index), unknown.shape))
+    cell = (i * ny + j) * nz + k
     if kernels.IS_COMPILED:
         pocket = np.empty(POCKET_CELLS, dtype=np.int64)
         size = kernels.fill(unknown.reshape(-1), offsets, cell, pocket)
