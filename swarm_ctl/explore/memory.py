@@ -166,13 +166,11 @@ class VisitedMap:
         """Grow until the grid holds a segment and what is `around` it; tell whether it grew."""
         nx, ny, nz = self.grid.shape
         (ax, ay, az), (bx, by, bz) = start, end
-        deep = self.dimensions == 3
+        deep, far_x, far_y, far_z = self.dimensions == 3, nx - around, ny - around, nz - around
         if (
-            min(ax, bx) >= around
-            and min(ay, by) >= around
-            and max(ax, bx) < nx - around
-            and max(ay, by) < ny - around
-            and (not deep or (min(az, bz) >= around and max(az, bz) < nz - around))
+            (around <= ax < far_x and around <= bx < far_x)
+            and (around <= ay < far_y and around <= by < far_y)
+            and (not deep or (around <= az < far_z and around <= bz < far_z))
         ):
             return False
         lowest = np.floor(np.minimum(start, end) - around).astype(int)
