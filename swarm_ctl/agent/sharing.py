@@ -38,7 +38,12 @@ class Sharing:
         self._next_meeting_s = 0.0
         self._next_summary_s = 0.0
 
-    def see(self, scan_m: Iterable[Vec3], own_ned_m: Vec3, peers_m: Sequence[Vec3]) -> None:
+    def see(
+        self,
+        scan_m: Iterable[tuple[float, float, float]],
+        own_ned_m: Vec3,
+        peers_m: Sequence[Vec3],
+    ) -> None:
         """Take scanner hits, relative to the vehicle; peers are no walls."""
         near_m = [(x, y) for x, y, _ in peers_m if not math.hypot(x, y) > SCAN_M + 2.0 * PEER_M]
         own_x, own_y, own_z = own_ned_m

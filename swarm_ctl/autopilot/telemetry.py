@@ -95,7 +95,7 @@ class Scan(NamedTuple):
     farthest_cm: int
     distances_cm: tuple[int, ...]
 
-    def hits(self, within_m: float) -> list[Vec3]:
+    def hits(self, within_m: float) -> list[tuple[float, float, float]]:
         """Give what it hit, from the vehicle, level, along north and east.
 
         What lies farther than `within_m`, rounded up, is left out: only few hits are worth the
@@ -104,7 +104,7 @@ class Scan(NamedTuple):
         first, increment, nearest, farthest, distances = self
         farthest = min(farthest, math.ceil(within_m * 100.0))
         return [
-            Vec3(cm * 0.01 * math.cos(bearing), cm * 0.01 * math.sin(bearing), 0.0)
+            (cm * 0.01 * math.cos(bearing), cm * 0.01 * math.sin(bearing), 0.0)
             for index, cm in enumerate(distances)
             if nearest <= cm <= farthest
             for bearing in (first + index * increment,)

@@ -103,15 +103,15 @@ class Explorer:
         """Take wall points (h, d) that beams have hit; the cell behind each is a wall."""
         if not self._place:
             return
-        place, half = self._place, 0.5 * self.params.cell_m
+        (own_x, own_y, own_z), half = three(self._place), 0.5 * self.params.cell_m
         for point in points_m.tolist():
-            far = math.dist(point, place)
-            if not 1e-6 < far < math.inf:
-                continue
-            beam = [p - own for p, own in zip(point, place, strict=True)]
-            sizes = list(map(abs, beam))
-            axis = sizes.index(max(sizes))
-            self._add_wall([p + half * b / far for p, b in zip(point, beam, strict=True)], axis)
+            x, y, z = three(point)
+            dx, dy, dz = x - own_x, y - own_y, z - own_z
+            far = math.hypot(dx, dy, dz)
+            if 1e-6 < far < math.inf:
+                sizes = [abs(dx), abs(dy), abs(dz)]
+                behind = [x + half * dx / far, y + half * dy / far, z + half * dz / far]
+                self._add_wall(behind, sizes.index(max(sizes)))
 
     def hear_peer(
         self,
@@ -275,7 +275,7 @@ class Explorer:
 
     def _add_wall(self, point: list[float], axis: int) -> None:
         if self.memory.wall(point, axis):
-            self.trails.append(WALL_X + axis, point)
+            self.trails.append(WALL_X + axis, point[: self._d])
 
     def _mark_stall(self, place: list[float]) -> None:
         """Take what a vehicle cannot pass for a wall, unless a peer is in its way."""

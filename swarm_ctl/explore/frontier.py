@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -55,7 +56,7 @@ def find_way(
     padded = np.pad(memory.grid, 1)
     unknown = _unknown(padded, memory.dimensions, gap_cells)
     ranks = _frontier(unknown, memory.dimensions)
-    ranks[padded & VISITED == 0] = 0  # no way leads there, and most of a map is unknown
+    ranks &= padded & VISITED  # both 0 or 1: no way leads elsewhere, and most of a map is unknown
     _rank(ranks, unknown, memory, position_m, others)
     corners = _corners(memory, position_m, padded, ranks, unknown)
     if corners:
@@ -150,7 +151,7 @@ def _unknown(padded: Cells, dimensions: int, gap_cells: int) -> Cells:
         for gap in range(1, gap_cells + 1):
             posts = along[: -gap - 1] & along[gap + 1 :]
             for part in range(1, gap + 1):
-                cells[part : part + len(posts)][posts] = 0
+                cells[part : part + len(posts)] &= ~posts
     for axis in range(dimensions):
         edges = np.moveaxis(unknown, axis, 0)
         edges[0] = edges[-1] = kernels.BORDER
@@ -182,7 +183,7 @@ def _rank(
     """Rank frontiers, 1 is best: one behind another by how many peers are closer to it."""
     row = ranks.reshape(-1)
     frontier = np.flatnonzero(row.view(np.bool_))  # bytes of 0 and 1, and quicker found as such
-    at = np.stack(np.unravel_index(frontier, ranks.shape), axis=1)
+    at = np.unravel_index(frontier, ranks.shape)
     if others.places_m:
         own = _far2(at, memory.cells(position_m))
         closer = sum(_far2(at, memory.cells(place)) < own for place in others.places_m)
@@ -204,18 +205,19 @@ def _rank(
         row[rim[row[rim] > 0]] = kernels.SLIVER + 1
 
 
-def _far2(at: NDArray[np.intp], place: Floats) -> Floats:
-    """Squared distances of padded cells (n, 3) from a place in cells (3,)."""
-    far2: Floats = ((at - (place + 0.5)) ** 2).sum(axis=1)
+def _far2(at: Sequence[NDArray[np.intp]], place: Floats) -> Floats:
+    """Squared distances of padded cells, an array for each axis, from a place in cells (3,)."""
+    dx, dy, dz = (cells - part for cells, part in zip(at, place + 0.5, strict=True))
+    far2: Floats = dx * dx + dy * dy + dz * dz
     return far2
 
 
 def _pocket(unknown: Cells, place: Floats, offsets: NDArray[np.int_]) -> NDArray[np.int64] | None:
     """Give the pocket of unknown cells around a place; None where it is open ground."""
-    index = np.floor(place).astype(int)
-    if (index < 1).any() or (index >= np.array(unknown.shape) - 1).any():
+    (i, j, k), (nx, ny, nz) = map(math.floor, place.tolist()), unknown.shape
+    if not (0 < i < nx - 1 and 0 < j < ny - 1 and 0 < k < nz - 1):
         return None
-    cell = int(np.ravel_multi_index(tuple(index), unknown.shape))
+    cell = (i * ny + j) * nz + k
     if kernels.IS_COMPILED:
         pocket = np.empty(POCKET_CELLS, dtype=np.int64)
         size = kernels.fill(unknown.reshape(-1), offsets, cell, pocket)
@@ -226,11 +228,11 @@ def _pocket(unknown: Cells, place: Floats, offsets: NDArray[np.int_]) -> NDArray
 
 
 def _near(
-    at: NDArray[np.intp], taken: Sequence[Floats], exclusion: float, dimensions: int
+    at: Sequence[NDArray[np.intp]], taken: Sequence[Floats], exclusion: float, dimensions: int
 ) -> NDArray[np.bool_]:
-    """Tell of padded cells (n, 3) which are closer than `exclusion` to one of the places."""
-    near = np.zeros(len(at), dtype=np.bool_)
-    x, y, z = (at + 0.5).T
+    """Tell of padded cells which are closer than `exclusion` to one of the places."""
+    x, y, z = (cells + 0.5 for cells in at)
+    near = np.zeros(len(x), dtype=np.bool_)
     for place in taken:
         far2 = (x - place[0]) ** 2 + (y - place[1]) ** 2
         if dimensions == 3:

@@ -101,6 +101,15 @@ def paint(  # noqa: C901 - calls cost more than branches where this is not compi
 
 
 @compiled
+def box(grid: Grid, cell: tuple[int, int, int], reach: tuple[int, int, int], flag: int) -> None:
+    """Set a flag within `reach` cells of one along each axis, as far as the grid goes."""
+    for i in range(max(0, cell[0] - reach[0]), min(grid.shape[0], cell[0] + reach[0] + 1)):
+        for j in range(max(0, cell[1] - reach[1]), min(grid.shape[1], cell[1] + reach[1] + 1)):
+            for k in range(max(0, cell[2] - reach[2]), min(grid.shape[2], cell[2] + reach[2] + 1)):
+                grid[i, j, k] |= flag
+
+
+@compiled
 def in_swept_square(wx: float, wy: float, dx: float, dy: float, half: float) -> bool:
     """Tell whether a square that moves from the origin by (dx, dy) ever covers (wx, wy)."""
     low, high = 0.0, 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from swarm_ctl.explore.memory import three
 from swarm_ctl.explore.pieces import LINE, START
 from swarm_ctl.explore.trails import Trails
 
@@ -51,14 +52,14 @@ class Logbook:
 
 def _strays(points: Sequence[list[float]], start: list[float], end: list[float]) -> bool:
     """Tell whether a point is farther than DEVIATION_M from a segment."""
-    way = [e - s for s, e in zip(start, end, strict=True)]
-    length2 = math.dist(start, end) ** 2
+    (x0, y0, z0), (x1, y1, z1), length2 = three(start), three(end), math.dist(start, end) ** 2
+    dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
     for point in points:
-        t = 0.0
+        (x, y, z), t = three(point), 0.0
         if length2 > 0.0:
-            along = sum([w * (p - s) for w, p, s in zip(way, point, start, strict=True)])
+            along = dx * (x - x0) + dy * (y - y0) + dz * (z - z0)
             t = min(1.0, max(0.0, along / length2))
-        foot = [s + t * w for s, w in zip(start, way, strict=True)]
-        if math.dist(point, foot) > DEVIATION_M:
+        foot = x0 + t * dx, y0 + t * dy, z0 + t * dz
+        if math.dist((x, y, z), foot) > DEVIATION_M:
             return True
     return False

@@ -27,9 +27,10 @@ MARGIN_CELLS = 8
 MOST_CELLS = 1 << 25
 """A map larger than this is somebody's mistake; what lies outside is not remembered."""
 
-
 FAR = 1 << 22
 """More than twice as many cells as there can be along an axis."""
+_PATCHES = (0, 1, 1), (1, 0, 1), (1, 1, 0)
+"""How far a patch of wall reaches in cells, by the axis that it lies across."""
 
 
 class VisitedMap:
@@ -124,12 +125,10 @@ class VisitedMap:
             return False
         self._walls.add(wall)
         is_new = not int(self.grid[i, j, k]) & WALL
-        reach = [0, 0, 0]
-        if self.dimensions == 3:
-            reach = [1, 1, 1]
-            reach[axis] = 0
-        self._box((i, j, k), reach, WALL)
-        self._box((i, j, k), [part + self._dilation for part in reach], NEAR_WALL)
+        x, y, z = _PATCHES[axis] if self.dimensions == 3 else (0, 0, 0)
+        near = self._dilation
+        self._box((i, j, k), (x, y, z), WALL)
+        self._box((i, j, k), (x + near, y + near, z + near), NEAR_WALL)
         return is_new
 
     def _number(self, i: int, j: int, k: int, axis: int) -> int:
@@ -142,20 +141,22 @@ class VisitedMap:
         x, y, z = self._place(position_m)
         i, j, k = math.floor(x), math.floor(y), math.floor(z)
         reach = math.ceil(radius_m / self.cell_m)
-        self._box((i, j, k), [reach, reach, reach], GIVEN_UP)
+        self._box((i, j, k), (reach, reach, reach), GIVEN_UP)
 
     def block(self, position_m: Sequence[float] | Floats) -> None:
         """Keep ways out of the cell at a position."""
         x, y, z = self._place(position_m)
         i, j, k = math.floor(x), math.floor(y), math.floor(z)
-        self._box((i, j, k), [0, 0, 0], BLOCKED)
+        self._box((i, j, k), (0, 0, 0), BLOCKED)
 
-    def _box(self, cell: tuple[int, int, int], reach: Sequence[int], flag: int) -> None:
+    def _box(self, cell: tuple[int, int, int], reach: tuple[int, int, int], flag: int) -> None:
         if not self._holds(*cell):
             return
-        (i, j, k), (fx, fy, fz) = cell, reach
-        deep = slice(max(0, k - fz), k + fz + 1) if self.dimensions == 3 else slice(0, 1)
-        self.grid[max(0, i - fx) : i + fx + 1, max(0, j - fy) : j + fy + 1, deep] |= flag
+        if kernels.IS_COMPILED:
+            kernels.box(self.grid, cell, reach, flag)
+            return
+        part = [slice(max(0, at - far), at + far + 1) for at, far in zip(cell, reach, strict=True)]
+        self.grid[part[0], part[1], part[2]] |= flag
 
     def _holds(self, i: int, j: int, k: int) -> bool:
         nx, ny, nz = self.grid.shape
@@ -165,13 +166,11 @@ class VisitedMap:
         """Grow until the grid holds a segment and what is `around` it; tell whether it grew."""
         nx, ny, nz = self.grid.shape
         (ax, ay, az), (bx, by, bz) = start, end
-        deep = self.dimensions == 3
+        deep, far_x, far_y, far_z = self.dimensions == 3, nx - around, ny - around, nz - around
         if (
-            min(ax, bx) >= around
-            and min(ay, by) >= around
-            and max(ax, bx) < nx - around
-            and max(ay, by) < ny - around
-            and (not deep or (min(az, bz) >= around and max(az, bz) < nz - around))
+            (around <= ax < far_x and around <= bx < far_x)
+            and (around <= ay < far_y and around <= by < far_y)
+            and (not deep or (around <= az < far_z and around <= bz < far_z))
         ):
             return False
         lowest = np.floor(np.minimum(start, end) - around).astype(int)

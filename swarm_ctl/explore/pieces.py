@@ -15,6 +15,8 @@ PAYLOAD_BYTES = 120
 MOST_ENTRIES = 20_000
 """Per origin; 20 minutes of the densest trail. More is somebody's mistake."""
 VERSION = 1
+_PAIRS = [bytes([pair & 15, pair >> 4]) for pair in range(256)]
+"""The two kinds that a byte says."""
 
 Shift = tuple[float, ...]
 """What to add to a position in another frame to have it in one's own, m. All axes lie along north
@@ -36,7 +38,7 @@ class Piece(NamedTuple):
     begin: int
     shift_cm: tuple[int, ...]
     """From the origin's frame into the sender's."""
-    kinds: list[int]
+    kinds: bytes
     numbers_cm: tuple[int, ...]
     """The points, one after the other."""
 
@@ -45,7 +47,7 @@ class Piece(NamedTuple):
         """The length of a log that ends with it."""
         return self.begin + len(self.kinds)
 
-    def beyond(self, known: int) -> tuple[list[int], tuple[int, ...]]:
+    def beyond(self, known: int) -> tuple[bytes, tuple[int, ...]]:
         """Give kinds and numbers of what is new where the log is known up to a length."""
         skip = known - self.begin
         if skip <= 0:
@@ -93,7 +95,7 @@ def decode(data: bytes, dimensions: int) -> Piece | None:
         numbers = struct.unpack_from(f"<{count * dimensions}h", data, at + 1 + len(pairs))
     except (IndexError, ValueError, struct.error):
         return None
-    kinds = [kind for pair in pairs for kind in (pair & 15, pair >> 4)][:count]
+    kinds = b"".join([_PAIRS[pair] for pair in pairs])[:count]
     if begin > MOST_ENTRIES or (count and max(kinds) > WALL_Z):
         return None
     return Piece(origin, begin, shift, kinds, numbers)

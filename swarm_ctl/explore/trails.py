@@ -224,7 +224,7 @@ class Trails:
         log.shift_m = shift_m
         if len(log.waiting) >= MOST_WAITING:
             self.dropped += 1
-        else:
+        elif piece.end > len(log):
             held = log.waiting.get(piece.begin)
             if held is None or held.end < piece.end:
                 log.waiting[piece.begin] = piece

@@ -59,6 +59,23 @@ def test_loops_and_arrays_paint_the_same(ends: list[float], d: int, square: bool
     assert (one == world.grid).all()
 
 
+@given(st.lists(PLACE, min_size=3, max_size=3), st.sampled_from([2, 3]), st.integers(0, 2))
+@settings(max_examples=60, deadline=None)
+def test_loops_and_arrays_mark_the_same(point: list[float], d: int, axis: int) -> None:
+    grids = []
+    for is_compiled in (True, False):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(kernels, "IS_COMPILED", is_compiled)
+            world = hall_map() if d == 3 else flat_map()
+            assert world.wall(point[:d], axis)
+            world.give_up([-40.0] * d, 1.0)  # outside of the map
+            world.give_up(world.metres([0.5, 0.5, 0.5]), 1.0)  # in its corner
+            world.block(point[:d])
+            grids.append(world.grid)
+    assert (grids[0] == grids[1]).all()
+    assert len(np.unique(grids[0])) >= 4
+
+
 def test_the_map_grows_and_forgets_nothing() -> None:
     world = flat_map()
     world.sweep([0.0, 0.0], [3.0, 0.0])
