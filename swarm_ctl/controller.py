@@ -38,6 +38,8 @@ class Controller:
         self._target: Vec3 | None = None
         self._diary = self._take_over()
         self._flight_journal = folder.flight_journal(agent.sysid)
+        if self._flight_journal is None:
+            agent.trail.fresh = None  # which nobody would take away
         self.tell: Callable[[Event], None] = lambda _: None
         """Is told of every event as it is written down."""
         self.ticks_due = 0

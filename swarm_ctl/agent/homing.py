@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from array import array
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
+from struct import Struct
 
 from swarm_ctl.model import ZERO, Vec3
 
@@ -19,81 +22,131 @@ STUCK_M = 0.3
 STUCK_TIMES = 2
 FIRST_DETOUR = 2
 """Routes over own ground before a shorter way is tried again; the next time twice as many."""
+FAR = 1 << 20
+"""Cells farther off along an axis, 500 km, are taken for one."""
+NONE = -1
+PLACE = Struct("3d")
 Cell = tuple[int, int, int]
 
 
 class Trail:
-    """Cells visited, joined where the vehicle flew from one into the next."""
+    """Cells visited, joined where the vehicle flew from one into the next.
+
+    They are numbered in the order in which they were entered, from home on, and what is known of
+    them stands in arrays: objects would take five times as much.
+    """
 
     def __init__(self) -> None:
         self.fresh: list[Vec3] | None = None
         """Where cells were entered since somebody took these away, in order: marked again, all
         give the same trail. None as long as nobody does."""
-        self._places: dict[Cell, Vec3] = {}
-        self._joined: dict[Cell, tuple[Cell, ...]] = {}
-        """A few each, for whom a set is four times as large."""
-        self._came_from: dict[Cell, Cell] = {}
-        """The next cell on the way home from each; empty when that has to be found anew."""
-        self._steps: dict[Cell, int] = {}
+        self._keys, self._numbers = array("q"), array("i")
+        """Of all cells, sorted by key."""
+        self._places = array("d")
+        """Where each cell was entered first, three numbers each."""
+        self._first = array("i")
+        """The first link of each cell, of those to cells that it is joined with."""
+        self._to, self._after = array("i"), array("i")
+        """Of each link: the cell it leads to, and the next link of the same cell."""
+        self._came_from = array("i")
+        """The next cell on the way home from each."""
+        self._steps = array("i")
         """How many cells that way has."""
-        self._here: Cell | None = None
+        self._knows_ways = False
+        """Whether they need not be found anew."""
+        self._here = NONE
+        self._cell: Cell | None = None
+        """The same, by its place."""
 
     def mark(self, position_ned_m: Vec3) -> None:
         """Remember being here, in the vehicle's own local frame."""
         cell = _cell(position_ned_m)
-        if cell == self._here:
+        if cell == self._cell:
             return
         if self.fresh is not None:
             self.fresh.append(position_ned_m)
-        is_new = cell not in self._places
+        key, before = _key(cell), self._here
+        at = bisect_left(self._keys, key)
+        is_new = at == len(self._keys) or self._keys[at] != key
         if is_new:
-            self._places[cell] = position_ned_m
-            self._joined[cell] = ()
-        if self._here is not None and self._here not in self._joined[cell]:
-            self._join(cell, self._here, is_new=is_new)
-        self._here = cell
+            self._begin(at, key, position_ned_m)
+        self._here, self._cell = self._numbers[at], cell
+        if before != NONE and before not in self._joined(self._here):
+            self._join(self._here, before, is_new=is_new)
 
     def length_m(self) -> float:
         """Give the length of the way home."""
-        if self._here is None:
-            return 0.0
-        return sum(math.dist(a, b) for a, b in pairwise(self.way_home()))
+        return sum((math.dist(a, b) for a, b in pairwise(self._way_home())), 0.0)
 
-    def _join(self, cell: Cell, before: Cell, *, is_new: bool) -> None:
+    def way_home(self) -> list[Vec3]:
+        """Fewest-cells way from here to where the trail began, the start last."""
+        return [Vec3(*place) for place in self._way_home()]
+
+    def _way_home(self) -> list[tuple[float, ...]]:
+        if self._here == NONE:
+            return []
+        if not self._knows_ways:
+            self._find_ways()
+        way, cell = [], self._here
+        came_from, places, place = self._came_from, self._places, PLACE.unpack_from
+        while cell:
+            cell = came_from[cell]
+            way.append(place(places, PLACE.size * cell))
+        return way
+
+    def _begin(self, at: int, key: int, place: Vec3) -> None:
+        """Give a cell the next number."""
+        self._keys.insert(at, key)
+        self._numbers.insert(at, len(self._numbers))
+        self._places.extend(place)
+        for of_each in (self._first, self._came_from, self._steps):
+            of_each.append(NONE)
+
+    def _join(self, cell: int, before: int, *, is_new: bool) -> None:
         """Join two cells; ways home stay as they are unless the two were not equally far away."""
-        self._joined[cell] += (before,)
-        self._joined[before] += (cell,)
-        if not self._came_from:
+        self._link(cell, before)
+        self._link(before, cell)
+        if not self._knows_ways:
             return
         if is_new:
             self._came_from[cell] = before
             self._steps[cell] = self._steps[before] + 1
         elif self._steps[cell] != self._steps[before]:
-            self._came_from.clear()
+            self._knows_ways = False
 
-    def way_home(self) -> list[Vec3]:
-        """Fewest-cells way from here to where the trail began, the start last."""
-        if self._here is None:
-            return []
-        home = next(iter(self._places))
-        if not self._came_from:
-            self._find_ways(home)
-        way, cell = [], self._here
-        while cell != home:
-            cell = self._came_from[cell]
-            way.append(self._places[cell])
-        return way
+    def _joined(self, cell: int) -> list[int]:
+        """Give the cells that one is joined with."""
+        cells, link = [], self._first[cell]
+        while link != NONE:
+            cells.append(self._to[link])
+            link = self._after[link]
+        return cells
 
-    def _find_ways(self, home: Cell) -> None:
-        """Find the way home from every cell."""
-        came_from, steps, queue = self._came_from, self._steps, deque([home])
-        came_from[home], steps[home] = home, 0
-        while queue:
-            cell = queue.popleft()
-            for neighbour in sorted(self._joined[cell]):
-                if neighbour not in came_from:
-                    came_from[neighbour], steps[neighbour] = cell, steps[cell] + 1
-                    queue.append(neighbour)
+    def _link(self, cell: int, other: int) -> None:
+        """Lead from a cell to another as well."""
+        self._to.append(other)
+        self._after.append(self._first[cell])
+        self._first[cell] = len(self._to) - 1
+
+    def _find_ways(self) -> None:
+        """Find the way home from every cell; neighbours take turns by their keys."""
+        count = len(self._numbers)
+        rank = sorted(range(count), key=self._numbers.__getitem__)
+        first, to, after = self._first.tolist(), self._to.tolist(), self._after.tolist()
+        came_from, steps, queue = [NONE] * count, self._steps, [0]
+        came_from[0] = steps[0] = 0
+        for cell in queue:
+            found, link = [], first[cell]
+            while link != NONE:
+                if came_from[to[link]] == NONE:
+                    found.append(to[link])
+                link = after[link]
+            if len(found) > 1:
+                found.sort(key=rank.__getitem__)
+            for other in found:
+                came_from[other], steps[other] = cell, steps[cell] + 1
+            queue += found
+        self._came_from, self._knows_ways = array("i", came_from), True
 
 
 class Route:
@@ -174,3 +227,11 @@ def _cell(position: Vec3) -> Cell:
     x, y, z = position
     floor = math.floor
     return floor(x / CELL_M + 0.5), floor(y / CELL_M + 0.5), floor(z / CELL_M + 0.5)
+
+
+def _key(cell: Cell) -> int:
+    """Tell a cell by one number of 63 bits; in the same order."""
+    x, y, z = cell
+    if not (-FAR <= x < FAR and -FAR <= y < FAR and -FAR <= z < FAR):
+        x, y, z = [min(max(-FAR, part), FAR - 1) for part in cell]
+    return (x * 2 * FAR + y) * 2 * FAR + z

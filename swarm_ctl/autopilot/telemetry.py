@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections import deque
 from typing import Any, NamedTuple
 
@@ -128,7 +129,8 @@ class Telemetry(Status):
         self.yaw_rate_rad_s = 0.0
         self.attitude_rad = ZERO
         """Roll, pitch, yaw."""
-        self._attitudes: deque[tuple[float, Vec3]] = deque(maxlen=ATTITUDES)
+        self._attitudes = array("d")
+        """The latest of them, the last one last: when each was heard, and its three angles."""
         self.timesync = Timesync()
         self.ranges_m = [math.inf] * 6
         self.ranges_s = [-math.inf] * 6
@@ -214,7 +216,8 @@ class Telemetry(Status):
             self.attitude_rad = Vec3(roll_rad, pitch_rad, yaw_rad)
             self.yaw_rate_rad_s = yaw_rate_rad_s
             self.attitude_s = now
-            self._attitudes.append((now, self.attitude_rad))
+            self._attitudes.extend((now, roll_rad, pitch_rad, yaw_rad))
+            del self._attitudes[: -4 * ATTITUDES]
 
     def _local_position(self, values: Any, now: float) -> None:
         boot_ms, x, y, z, vx, vy, vz = values
@@ -280,9 +283,10 @@ class Telemetry(Status):
 
     def _attitude_at(self, then: float) -> Vec3:
         """Give the attitude of a moment ago: what was measured then was so in that body frame."""
-        for heard_s, attitude_rad in reversed(self._attitudes):
-            if heard_s <= then:
-                return attitude_rad
+        attitudes = self._attitudes
+        for at in range(len(attitudes) - 4, -1, -4):
+            if attitudes[at] <= then:
+                return Vec3(*attitudes[at + 1 : at + 4])
         return self.attitude_rad
 
     def _landing_target(self, values: Any, _now: float) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from array import array
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -27,8 +29,8 @@ MARGIN_CELLS = 8
 MOST_CELLS = 1 << 25
 """A map larger than this is somebody's mistake; what lies outside is not remembered."""
 
-FAR = 1 << 22
-"""More than twice as many cells as there can be along an axis."""
+FAR, DEEP = 1 << 22, 1 << 18
+"""Twice as many cells as there can be along a level axis, and upwards: others are 16 wide."""
 _PATCHES = (0, 1, 1), (1, 0, 1), (1, 1, 0)
 """How far a patch of wall reaches in cells, by the axis that it lies across."""
 
@@ -52,8 +54,8 @@ class VisitedMap:
         self.low = np.array([-MARGIN_CELLS, -MARGIN_CELLS, -deep // 2 if deep > 1 else 0])
         """Index of the grid's low corner among all cells; cell 0 begins at the frame's origin."""
         self._corner: list[int] = self.low.tolist()
-        self._walls: set[int] = set()
-        """Cells and axes of what is marked already; most walls are seen many times."""
+        self._walls = array("q")
+        """Cells and axes of what is marked already, sorted; most walls are seen many times."""
         self.grid: Grid = np.zeros((2 * MARGIN_CELLS, 2 * MARGIN_CELLS, deep), dtype=np.uint8)
 
     def cells(self, position_m: Sequence[float] | Floats) -> Floats:
@@ -115,15 +117,17 @@ class VisitedMap:
         """
         place = self._place(point_m)
         i, j, k = map(math.floor, place)
-        wall = self._number(i, j, k, axis)
-        if wall in self._walls:
+        walls, wall = self._walls, self._number(i, j, k, axis)
+        at = bisect_left(walls, wall)
+        if _is_at(walls, at, wall):
             return False  # as for most, and when it was marked, there was room around its cell
         if self._reserve(place, place, self._dilation + 2.0):
             i, j, k = map(math.floor, self._place(point_m))
             wall = self._number(i, j, k, axis)
-        if not self._holds(i, j, k) or wall in self._walls:
+            at = bisect_left(walls, wall)
+        if not self._holds(i, j, k) or _is_at(walls, at, wall):
             return False
-        self._walls.add(wall)
+        walls.insert(at, wall)
         is_new = not int(self.grid[i, j, k]) & WALL
         x, y, z = _PATCHES[axis] if self.dimensions == 3 else (0, 0, 0)
         near = self._dilation
@@ -134,7 +138,7 @@ class VisitedMap:
     def _number(self, i: int, j: int, k: int, axis: int) -> int:
         """Tell a cell and an axis by one number, which stays theirs when the grid grows."""
         x, y, z = self._corner
-        return (((i + x) * FAR + j + y) * FAR + k + z) * 3 + axis
+        return (((i + x) * FAR + j + y) * DEEP + k + z) * 3 + axis
 
     def give_up(self, position_m: Sequence[float] | Floats, radius_m: float) -> None:
         """Write off the unknown cells around a position, in a box of half size `radius_m`."""
@@ -189,6 +193,11 @@ class VisitedMap:
         self.grid, self.low = grid, self.low - before
         self._corner = self.low.tolist()
         return True
+
+
+def _is_at(numbers: array[int], at: int, number: int) -> bool:
+    """Tell whether a number stands where it would among sorted ones."""
+    return at < len(numbers) and numbers[at] == number
 
 
 def _paint(grid: Grid, start: Floats, end: Floats, half: float, *, is_square: bool) -> None:

@@ -6,6 +6,7 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from functools import cache
 from struct import Struct
 from struct import error as StructError  # noqa: N812 - a class deserves a class's name
 
@@ -33,9 +34,7 @@ class Parser(Tally):
         """Subscribe to messages, or to all of the dialect by None."""
         super().__init__()
         self._rest = b""
-        keys = CRC_EXTRAS if subscribed is None else subscribed
-        ids = (key.id if isinstance(key, Message) else message(key).id for key in keys)
-        self._subscribed = frozenset(ids)
+        self._subscribed = _ids(frozenset(CRC_EXTRAS if subscribed is None else subscribed))
         self._readers: dict[int, Read] = {}
         """By id, of messages that have come."""
         self._usual: dict[int, Read] = {}
@@ -152,6 +151,12 @@ class Parser(Tally):
         start = _seek(data, at + 1)
         self.stats.skipped_bytes += start - at
         return start
+
+
+@cache
+def _ids(keys: frozenset[str | int | Message]) -> frozenset[int]:
+    """Give the ids of messages; all who subscribe to the same ones share them."""
+    return frozenset(key.id if isinstance(key, Message) else message(key).id for key in keys)
 
 
 def split(data: bytes) -> Iterator[bytes]:

@@ -60,6 +60,12 @@ def test_an_unrecorded_flight_opens_no_file_and_writes_none(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["hall.yaml", "world.yaml"]
 
 
+def test_of_an_unrecorded_flight_nobody_keeps_what_was_to_be_written_down(tmp_path: Path) -> None:
+    arena = fly(tmp_path, Unrecorded())
+    assert arena.controllers[0].agent.trail.length_m() > 0.0
+    assert [controller.agent.trail.fresh for controller in arena.controllers] == [None, None]
+
+
 def test_facts_are_told_to_who_wants_them_and_no_hash_is_kept_unasked(tmp_path: Path) -> None:
     told = Told()
     record = Unrecorded(events=told)

@@ -110,6 +110,28 @@ def test_a_wall_in_three_dimensions_is_a_patch_across_its_beam() -> None:
     assert np.ptp(walls[:, 0]) == 0
 
 
+@pytest.mark.parametrize("north", [-1.0, 1.0])
+def test_a_wall_is_new_once_however_far_away_it_is(north: float) -> None:
+    world = flat_map()
+    far_m = north * world.cell_m * (memory.MOST_CELLS // 16 - 64)
+    assert world.wall([far_m, 0.1])
+    assert not world.wall([far_m, 0.1])
+    assert world.wall([far_m, 0.3])
+
+
+@given(st.lists(st.tuples(*[st.integers(-3, 3)] * 3, st.integers(0, 2)), max_size=30))
+def test_a_wall_may_be_seen_again_after_any_others(
+    walls: list[tuple[int, int, int, int]],
+) -> None:
+    once, often = hall_map(), hall_map()
+    for wall in dict.fromkeys(walls):
+        once.wall([0.5 * part + 0.25 for part in wall[:3]], wall[3])
+    for wall in walls:
+        often.wall([0.5 * part + 0.25 for part in wall[:3]], wall[3])
+    assert len(once._walls) == len(often._walls) == len(set(walls))
+    assert np.array_equal(once.grid, often.grid)
+
+
 def room_with_a_door() -> VisitedMap:
     """Two rooms 3 m deep; the wall between them, at x = 3, is open from y = 2 to 3."""
     world = flat_map()

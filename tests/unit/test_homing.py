@@ -1,5 +1,6 @@
 import itertools
 import math
+import tracemalloc
 
 import pytest
 from hypothesis import given
@@ -56,6 +57,49 @@ def test_ways_that_are_kept_up_are_those_that_are_found_anew(cells: list[tuple[i
         for place in kept.fresh:
             anew.mark(place)
         assert kept.way_home() == anew.way_home()
+
+
+def first_of_the_shortest_ways(places: list[Vec3]) -> list[Vec3]:
+    """Find the way home breadth first, neighbours in the order of their cells."""
+    cells = [tuple(math.floor(part / CELL_M + 0.5) for part in place) for place in places]
+    entered: dict[tuple[int, ...], Vec3] = {}
+    for cell, place in zip(cells, places, strict=True):
+        entered.setdefault(cell, place)
+    ways, queue = {cells[0]: [entered[cells[0]]]}, [cells[0]]
+    for cell in queue:
+        pairs = {*itertools.pairwise(cells), *itertools.pairwise(reversed(cells))}
+        for neighbour in sorted(b for a, b in pairs if a == cell and b not in ways):
+            ways[neighbour] = [entered[neighbour], *ways[cell]]
+            queue.append(neighbour)
+    return ways[cells[-1]][1:]
+
+
+@given(st.lists(st.tuples(*[st.floats(-1.2, 1.2)] * 3).map(Vec3._make), min_size=1, max_size=40))
+def test_of_ways_with_as_few_cells_the_first_is_flown(places: list[Vec3]) -> None:
+    trail = Trail()
+    for place in places:
+        trail.mark(place)
+    assert trail.way_home() == first_of_the_shortest_ways(places)
+
+
+def test_an_estimate_gone_wild_leaves_the_way_home_as_it_was() -> None:
+    trail = Trail()
+    fly(trail, (0, 0), (4, 0))
+    way = trail.way_home()
+    for wild_m in (1e9, -3e38, 6e5, 7e5):
+        trail.mark(Vec3(wild_m, 0.0, -wild_m))
+    fly(trail, (4, 0), (4, 0.1))
+    assert trail.way_home() == way
+
+
+def test_a_cell_takes_less_than_eighty_bytes() -> None:
+    trail = Trail()
+    tracemalloc.start()
+    fly(trail, (0, 0), (1000, 0), (0, 0))
+    assert not trail.way_home()
+    taken, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert taken < 80 * 1000 / CELL_M
 
 
 def test_a_route_is_flown_place_by_place_and_ends() -> None:
