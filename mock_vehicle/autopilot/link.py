@@ -143,7 +143,8 @@ class Link:
 
     def queue(self, frame: bytes) -> None:
         """Let a frame leave next, as it is."""
-        self.dropped += len(self.outbox) == OUTBOX_FRAMES
+        if len(self.outbox) == OUTBOX_FRAMES:
+            self.dropped += 1
         self.outbox.append(frame)
 
     def send_all(
