@@ -115,8 +115,9 @@ class Link:
         self.parser = wire.Parser(subscribed)
         self.pings = 0
         """PINGs sent, which are numbered."""
-        self.modes_told = (-1, -1, -math.inf)
-        """Modes flown and chosen as CURRENT_MODE told them last, and when."""
+        self.modes_told = (-1, -1)
+        """Modes flown and chosen as CURRENT_MODE told them last."""
+        self.modes_told_at = -math.inf
         self.gcs_seen_at = -math.inf
         """When a ground station's heartbeat last came in here."""
         self._refused: set[Verdict] = set()
