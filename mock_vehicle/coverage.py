@@ -128,8 +128,18 @@ class Coverage:
         self._seen_s = np.full(self._free_flat.shape, np.nan, dtype=np.float32)
         self._strides = np.array([self._shape[1] * self._shape[2], self._shape[2], 1])
         cube = itertools.product(*(range(-r, r + 1) for r in self._reach))
-        self._offsets = np.array(sorted(cube, key=lambda o: (max(map(abs, o)), o)))
+        offsets = np.array(sorted(cube, key=lambda o: (max(map(abs, o)), o)))
+        self._offsets = offsets[self._may_reach(offsets)]
         self._flat_offsets = self._offsets @ self._strides
+
+    def _may_reach(self, offsets: INDICES) -> BOOLS:
+        """Tell which offsets (m, 3) the footprint reaches from anywhere in the cell it is over."""
+        nearest = np.maximum(np.abs(offsets) - 0.5, 0.0)
+        if self._footprint == "square":
+            far = nearest[:, 1:].max(axis=1)
+        else:
+            far = np.sqrt(np.einsum("ij,ij->i", nearest, nearest))
+        return np.asarray(far <= self._radius_m / self._cell_m + 1e-6)
 
     def _lay_out_rays(self, world: World, heights: list[float]) -> None:
         """For each offset find the cell before it on the way out, and the steps from there.

@@ -16,7 +16,7 @@ from mock_vehicle.dynamics import OFF, Dynamics
 from mock_vehicle.errors import WorldError
 from mock_vehicle.faults import Fault, check
 from mock_vehicle.geodesy import Origin
-from mock_vehicle.lossy import LossyLinks, Place
+from mock_vehicle.lossy import LossyLinks
 from mock_vehicle.radio import Radio
 from mock_vehicle.referee import Files, Referee, write_files
 from mock_vehicle.sensors.battery import Batteries
@@ -64,8 +64,12 @@ def streams(seed: int, shard: int = 1) -> list[np.random.Generator]:
 
 def apart(a_m: FLOATS, b_m: FLOATS) -> FLOATS:
     """Measure how far (k, 3) points are from (n, 3) points, (n, k), m."""
-    gap = b_m[None, :, :] - a_m[:, None, :]
-    distances: FLOATS = np.sqrt(np.einsum("ijk,ijk->ij", gap, gap))
+    squares = b_m.T[:, None, :] - a_m.T[:, :, None]
+    squares *= squares
+    north, east, down = squares
+    north += down
+    north += east
+    distances: FLOATS = np.sqrt(north)
     return distances
 
 
@@ -236,7 +240,7 @@ class Fleet:
     def receive(self, index: int, data: bytes, now: float, link: int = 0) -> None:
         """Take a datagram that was sent over a link to vehicle `index`."""
         self._now = now
-        for arrived in self.links.carry(Place(index, link, "uplink"), [data], now):
+        for arrived in self.links.carry(index, link, "uplink", [data], now):
             self._hear(index, arrived, now, link)
 
     def _hear(self, index: int, data: bytes, now: float, link: int) -> None:
@@ -256,7 +260,7 @@ class Fleet:
     def answers(self, index: int, link: int = 0) -> list[bytes]:
         """Take the datagrams that are ready to leave over a link, without waiting for a tick."""
         frames = self.vehicles[index].take(link)
-        return self._pack(self.links.carry(Place(index, link, "downlink"), frames, self._now))
+        return self._pack(self.links.carry(index, link, "downlink", frames, self._now))
 
     def strike(self, fault: Fault, now: float) -> None:
         """Break something now, whatever time the fault says; ValueError if nobody is struck."""
@@ -350,7 +354,7 @@ class Fleet:
             if vehicle.hears:
                 vehicle.tick(now)
                 index = vehicle.index
-                frames = self.links.carry(Place(index, 0, "downlink"), vehicle.take(), now)
+                frames = self.links.carry(index, 0, "downlink", vehicle.take(), now)
                 leaving += [(index, data) for data in self._pack(frames)]
         return leaving
 

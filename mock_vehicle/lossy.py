@@ -150,7 +150,7 @@ class Channel:
 
 
 class LossyLinks:
-    """The spoilt links of a fleet; a sound link costs one look into an empty dict."""
+    """The spoilt links of a fleet; while all are sound, that costs one look."""
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
@@ -170,8 +170,13 @@ class LossyLinks:
                 if place in self._channels:
                     self._channels[place].spoil(here, now)
 
-    def carry(self, place: Place, frames: Sequence[bytes], now: float) -> Sequence[bytes]:
+    def carry(
+        self, vehicle: int, link: int, direction: Direction, frames: Sequence[bytes], now: float
+    ) -> Sequence[bytes]:
         """Send frames over a direction of a link, and give those that arrive by now."""
+        if not self._channels:
+            return frames
+        place = Place(vehicle, link, direction)
         channel = self._channels.get(place)
         if channel is None:
             return frames
@@ -196,4 +201,4 @@ class LossyLinks:
         if not self._channels:
             return []
         places = [p for p in self._channels if p.direction == direction and p.link in links]
-        return [(place, frame) for place in places for frame in self.carry(place, (), now)]
+        return [(place, frame) for place in places for frame in self.carry(*place, (), now)]

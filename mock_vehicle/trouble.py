@@ -180,6 +180,9 @@ class Troubles:
 
     def obey(self, now: float) -> None:
         """Break what autopilots' own parameters ask for, and mend it."""
+        ordered = [vehicle.autopilot.ordered_faults for vehicle in self._stage.vehicles]
+        if ordered == self._ordered:
+            return
         for vehicle, before in zip(self._stage.vehicles, self._ordered, strict=True):
             asked = vehicle.autopilot.ordered_faults
             for kind in sorted(asked - before):

@@ -35,8 +35,6 @@ DATAGRAM_BYTES = 1400
 """What fits into one datagram without fragments."""
 HEARTBEAT_ID = wire.message("HEARTBEAT").id
 TUNNEL_ID = wire.message("TUNNEL").id
-_STATE_COLUMNS = 21
-"""Columns of `refresh_all` that stand in State as they are; the rest are ranges."""
 
 
 def personalities(kind: str, vehicles: int) -> list[str]:
@@ -142,11 +140,11 @@ class Vehicle:
         self.autopilot.gate.take_key(key, timestamp)
 
     def refresh(
-        self, row: list[float], peers: list[PeerFix], victims: list[VictimFix], readings: Readings
+        self, state: State, peers: list[PeerFix], victims: list[VictimFix], readings: Readings
     ) -> None:
-        """Take this vehicle's row of the fleet's arrays; only `refresh_all` builds rows."""
+        """Take what this vehicle knows; only `refresh_all` tells it."""
         autopilot = self.autopilot
-        autopilot.state = State._make((*row[:_STATE_COLUMNS], row[_STATE_COLUMNS:]))
+        autopilot.state = state
         autopilot.peers, autopilot.victims = peers, victims
         autopilot.readings = readings
         autopilot.has_odometry = readings.has_odometry
@@ -162,11 +160,11 @@ class Vehicle:
         if not self.alive:
             return broadcast
         autopilot = self.autopilot
-        autopilot.gate.advance(now)
-        via = autopilot.links[link]
+        gate, via = autopilot.gate, autopilot.links[link]
+        gate.advance(now)
         for frame in via.parser.feed(data):
             self.received += 1
-            if not autopilot.admits(frame, via):
+            if not (gate.is_open or autopilot.admits(frame, via)):
                 continue
             if frame.compid == COMPANION_COMPID and _is_broadcast(frame, autopilot.sysid):
                 broadcast.append(frame.raw)
@@ -244,11 +242,11 @@ def refresh_all(
             readings.battery_current_a,
             readings.gnss_reception,
             readings.gnss_error_ned_m,
-            readings.ranges_m,
         )
     )
     indices = [vehicle.index for vehicle in vehicles]
-    for vehicle, index, row in zip(vehicles, indices, rows[indices].tolist(), strict=True):
+    columns = rows[indices].tolist(), readings.ranges_m[indices].tolist()
+    for vehicle, index, row, ranges_m in zip(vehicles, indices, *columns, strict=True):
         peers = readings.peers[index] if sensed else []
         victims = readings.victims[index] if sensed else []
-        vehicle.refresh(row, peers, victims, readings)
+        vehicle.refresh(State._make((*row, ranges_m)), peers, victims, readings)

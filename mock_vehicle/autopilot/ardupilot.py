@@ -365,9 +365,8 @@ class ArduPilot(Autopilot):
 
     def _brake_when_old(self, now: float) -> None:
         """Brake on an old velocity; a position is held for ever."""
-        if self.manoeuvre is not Manoeuvre.SETPOINT or self.setpoint.is_position_only:
-            return
-        if now - self.setpoint_at >= self.traits.setpoint_timeout_s:
+        is_old = now - self.setpoint_at >= self.traits.setpoint_timeout_s
+        if is_old and self.manoeuvre is Manoeuvre.SETPOINT and not self.setpoint.is_position_only:
             self.setpoint = STOP
 
     def takeoff_done(self, now: float) -> None:

@@ -111,16 +111,16 @@ class Failsafe:
 
     def _watch_battery(self, vehicle: ArduPilot, now: float) -> None:
         settings, state = vehicle.settings, vehicle.state
-        left_mah = state.battery_fraction * settings.capacity_mah
+        left_mah, voltage_v = state.battery_fraction * settings.capacity_mah, vehicle.battery_v
         for number, level in enumerate(settings.battery):
-            is_low = vehicle.battery_v < level.voltage_v
+            is_low = voltage_v < level.voltage_v
             if not is_low:
                 self._fine_at[number] = now
             is_low = is_low and now - self._fine_at[number] >= settings.battery_delay_s
             if (is_low or left_mah < level.charge_mah) and number >= self._battery_level:
                 self._battery_level = number + 1
                 used_mah = settings.capacity_mah - left_mah
-                spent = f"{vehicle.battery_v:.2f}V used {used_mah:.0f} mAh"
+                spent = f"{voltage_v:.2f}V used {used_mah:.0f} mAh"
                 vehicle.say(Severity.WARNING, f"Battery 1 is {level.name} {spent}", now)
                 self._has_acted = True
                 self._act(vehicle, "Battery", level.mode, now)

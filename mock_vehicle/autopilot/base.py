@@ -17,6 +17,7 @@ from mock_vehicle.autopilot.manoeuvres import (
     FLY,
     NAN,
     NOWHERE,
+    POSITION,
     STILL,
     STOP,
     Orbit,
@@ -420,7 +421,7 @@ class Autopilot(Personality):
         truth = self.truth
         truth.control[index] = control
         truth.target_velocity_ned_m_s[index] = velocity_m_s
-        if control is Control.POSITION:
+        if control is POSITION:
             truth.target_position_ned_m[index] = (
                 position_m[0] + home[0] - state.drift_north_m,
                 position_m[1] + home[1] - state.drift_east_m,

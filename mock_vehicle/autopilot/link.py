@@ -115,8 +115,9 @@ class Link:
         self.parser = wire.Parser(subscribed)
         self.pings = 0
         """PINGs sent, which are numbered."""
-        self.modes_told = (-1, -1, -math.inf)
-        """Modes flown and chosen as CURRENT_MODE told them last, and when."""
+        self.modes_told = (-1, -1)
+        """Modes flown and chosen as CURRENT_MODE told them last."""
+        self.modes_told_at = -math.inf
         self.gcs_seen_at = -math.inf
         """When a ground station's heartbeat last came in here."""
         self._refused: set[Verdict] = set()
@@ -143,7 +144,8 @@ class Link:
 
     def queue(self, frame: bytes) -> None:
         """Let a frame leave next, as it is."""
-        self.dropped += len(self.outbox) == OUTBOX_FRAMES
+        if len(self.outbox) == OUTBOX_FRAMES:
+            self.dropped += 1
         self.outbox.append(frame)
 
     def send_all(

@@ -26,7 +26,7 @@ from mock_vehicle.autopilot import px4_setpoints as setpoints
 from mock_vehicle.autopilot.auto_rules import PX4_AUTO, AutoRules
 from mock_vehicle.autopilot.base import Autopilot
 from mock_vehicle.autopilot.commands import Command, CommandHandler, MessageHandler, Result, whole
-from mock_vehicle.autopilot.fences import Breach, FenceSettings
+from mock_vehicle.autopilot.fences import UNBROKEN, Breach, FenceSettings
 from mock_vehicle.autopilot.link import Encoder, Link
 from mock_vehicle.autopilot.manoeuvres import Setpoint
 from mock_vehicle.autopilot.plans import PX4_RULES, PlanRules
@@ -289,7 +289,7 @@ class Px4(Autopilot):
     def advance(self, now: float) -> None:
         """Watch what may fail."""
         new = self.geofence.update(self, self.fence_settings, now)
-        if new and self.armed:
+        if new is not UNBROKEN and self.armed:
             self.say(Severity.CRITICAL, "Geofence violation\t", now)
         self.failsafe.watch(self, now)
 

@@ -134,7 +134,7 @@ class Failsafe:
         if not px4.armed:
             return
         wanted = max(self._wanted(px4, now), self._least)
-        if wanted <= px4.chosen_action:
+        if wanted is not NONE and wanted <= px4.chosen_action:
             wanted = NONE
         if wanted is self.action:
             return
@@ -170,7 +170,8 @@ class Failsafe:
         return wanted
 
     def _causes(self, px4: Px4, now: float) -> dict[Cause, Action]:
-        settings, causes = px4.settings, dict[Cause, Action]()
+        settings = px4.settings
+        causes: dict[Cause, Action] = {}
         if settings.gcs and not px4.hears_gcs(now):
             causes[Cause.GCS] = settings.gcs
         if settings.geofence and px4.geofence.breach is not UNBROKEN:

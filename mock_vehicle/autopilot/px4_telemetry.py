@@ -86,9 +86,8 @@ def current_mode(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001
 def changed_mode(autopilot: Autopilot, now: float) -> None:
     """Send CURRENT_MODE when it has changed, or was not told for a while."""
     link, modes = autopilot.to[0], (autopilot.reported_mode, autopilot.mode)
-    *told, told_at = link.modes_told
-    if tuple(told) != modes or now - told_at > MODES_EVERY_S - EARLY_S:
-        link.modes_told = (*modes, now)
+    if link.modes_told != modes or now - link.modes_told_at > MODES_EVERY_S - EARLY_S:
+        link.modes_told, link.modes_told_at = modes, now
         current_mode(autopilot, now)
 
 

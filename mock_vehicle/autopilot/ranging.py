@@ -29,6 +29,8 @@ YAW_180, PITCH_180, ORIENTATION_CUSTOM = 4, 12, 100
 SENSOR_LASER, SENSOR_UNKNOWN = 0, 4
 FRAME_BODY_FRD = 12
 FARTHEST_CM = 0xFFFF
+BROKEN_CM = -1
+"""No range of a ring that says nothing."""
 LONGEST_RANGE_M = 654.0
 """What fits into centimetres of 16 bits, with a number left for "nothing" that is not "unknown"."""
 FIELDS_OF_VIEW_RAD = (math.radians(CONE_DEG),) * 4 + (0.0, 0.0)
@@ -82,8 +84,8 @@ def obstacle_distance(autopilot: Autopilot, now: float) -> None:
     reach_m, nearest, farthest = _bounds(autopilot.range_min_m, autopilot.range_max_m)
     if readings.scans_cm is None:
         readings.scans_cm = _scans_cm(readings.ring_m, reach_m, farthest + 1)
-    scan_cm = readings.scans_cm[autopilot.index]
-    if scan_cm is None:
+    scan_cm = readings.scans_cm[autopilot.index].tolist()
+    if scan_cm[0] == BROKEN_CM:
         return
     autopilot.send(
         OBSTACLE_DISTANCE,
@@ -99,16 +101,13 @@ def obstacle_distance(autopilot: Autopilot, now: float) -> None:
     )
 
 
-def _scans_cm(
-    ring_m: NDArray[np.float64], reach_m: float, nothing_cm: int
-) -> list[list[int] | None]:
-    """Round the rings of a whole fleet, (n, 72), at once; None for one that is broken."""
+def _scans_cm(ring_m: NDArray[np.float64], reach_m: float, nothing_cm: int) -> NDArray[np.int64]:
+    """Round the rings of a whole fleet, (n, 72), at once; BROKEN_CM all round for a broken one."""
     seen = ring_m <= reach_m
-    distances = np.rint(np.where(seen, ring_m, 0.0) * 100.0).astype(int)
-    rows: list[list[int] | None] = np.where(seen, distances, nothing_cm).tolist()
-    for broken in np.flatnonzero(np.isnan(ring_m).any(axis=1)).tolist():
-        rows[broken] = None
-    return rows
+    distances = np.rint(np.where(seen, ring_m, 0.0) * 100.0).astype(np.int64)
+    scans = np.where(seen, distances, nothing_cm)
+    scans[np.isnan(ring_m).any(axis=1)] = BROKEN_CM
+    return scans
 
 
 def peers(autopilot: Autopilot) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum, IntEnum, auto
+from enum import IntEnum, auto
 from typing import Literal
 
 from mock_vehicle.dynamics import Limits
@@ -40,7 +40,7 @@ class Severity(IntEnum):
     DEBUG = 7
 
 
-class Manoeuvre(Enum):
+class Manoeuvre(IntEnum):
     """What a mode makes the vehicle do in the air."""
 
     HOLD = auto()

@@ -139,6 +139,28 @@ def test_a_sphere_covers_its_volume(tmp_path: Path) -> None:
     assert (level.min(), level.max()) == (5, 24)
 
 
+@pytest.mark.parametrize("radius_m", [0.3, 0.62, 1.0])
+@pytest.mark.parametrize("footprint", ["square", "disc", "sphere"])
+def test_all_cells_within_the_footprint_are_seen(
+    tmp_path: Path, footprint: str, radius_m: float
+) -> None:
+    sight = f"footprint: {footprint}, radius_m: {radius_m}, cell_m: 0.25"
+    hall = world(tmp_path, f"{sight}, line_of_sight: false")
+    level, north, east = (np.indices((12, 40, 80)) + 0.5) * 0.25
+    rng = np.random.default_rng(1)
+    corner = np.array([1.25, 5.0, 10.0])
+    for down, y, x in (corner, corner + 0.125, *rng.uniform((1, 2, 2), (2, 8, 18), (20, 3))):
+        ground = Coverage(hall, hall.starts(1, 1)[0])
+        ground.cover(np.array([[y, x, -down]]), UP, 1.0)
+        aside, above = np.array([north - y, east - x]), level - down
+        away = np.abs(aside).max(axis=0)
+        if footprint != "square":
+            away = np.sqrt(np.square(aside).sum(axis=0) + (footprint == "sphere") * above**2)
+        seen = ~np.isnan(ground.seen_s)
+        expected = (away <= radius_m + 1e-9)[: len(seen)]
+        assert (seen == expected).all()
+
+
 def test_a_ceiling_between_hides_what_is_above(tmp_path: Path) -> None:
     shelf = "boxes: [{center_m: [10, 5], size_m: [6, 6], height_m: 1.2}]\n"
     sight = "footprint: sphere, radius_m: 1.5, cell_m: 0.25, line_of_sight: true"
