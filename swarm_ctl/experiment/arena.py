@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from mock_vehicle.errors import MockVehicleError
@@ -21,6 +23,8 @@ from swarm_ctl.record.unrecorded import Record
 
 STEPS_PER_TICK = 5
 """Physics steps between two ticks of a controller; vehicle i ticks in step i of each five."""
+GARBAGE = 10_000
+"""Objects made between two looks for garbage: flights make hardly any that refer to each other."""
 
 
 class Arena:
@@ -60,10 +64,11 @@ class Arena:
         self, progress: Callable[[Arena], None] | None = None, *, until_s: float = float("inf")
     ) -> None:
         """Fly until the mission is over or mission time has come; report every tick."""
-        while not self.is_over and self.now < until_s:
-            self.step()
-            if progress is not None and self._step % STEPS_PER_TICK == 0:
-                progress(self)
+        with _collecting_seldom():
+            while not self.is_over and self.now < until_s:
+                self.step()
+                if progress is not None and self._step % STEPS_PER_TICK == 0:
+                    progress(self)
 
     def step(self) -> None:
         """Advance physics by one step, and those controllers whose turn it is."""
@@ -111,6 +116,16 @@ class Arena:
                 controller.receive(data, now)
             except Exception as error:  # noqa: BLE001 - one vehicle never stops another
                 controller.break_down(error, now)
+
+
+@contextmanager
+def _collecting_seldom() -> Iterator[None]:
+    before = gc.get_threshold()
+    gc.set_threshold(GARBAGE, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 def _fleet(mission: Mission, faults: Faults, world: World | None) -> Fleet:
