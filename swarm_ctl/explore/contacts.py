@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -16,10 +17,14 @@ CONTACT_S = 3.0
 beacons get lost, they explore a point less with 1.5 s."""
 RESEND_S = 0.8
 """What was sent and not acknowledged by a summary for so long is sent again."""
+MOST_KNOWN = 0xFFFF
+"""More entries than any log has."""
 
 
 class Peer:
     """What this vehicle knows of one that it has heard."""
+
+    __slots__ = ("heard_s", "known", "origin", "sent", "shift_m")
 
     def __init__(self) -> None:
         self.origin: int | None = None
@@ -27,10 +32,20 @@ class Peer:
         self.heard_s = -math.inf
         self.shift_m: Shift | None = None
         """Where its frame is in one's own; None until it has been met."""
-        self.known: dict[int, int] = {}
-        """Entries that it has, by the origin of their log."""
+        self.known = array("H")
+        """Entries that it has, by the place of their log in `Contacts`; none beyond the last."""
         self.sent: dict[int, tuple[int, float]] = {}
-        """Up to where a log was sent to it last, and when."""
+        """Up to where a log was sent to it lately, and when."""
+
+    def has(self, place: int) -> int:
+        """Tell how many entries of a log it has."""
+        return self.known[place] if place < len(self.known) else 0
+
+    def learn(self, place: int, length: int) -> None:
+        """Take how many entries of a log it has."""
+        if place >= len(self.known):
+            self.known.extend([0] * (place + 1 - len(self.known)))
+        self.known[place] = min(length, MOST_KNOWN)
 
 
 class Lack(NamedTuple):
@@ -53,6 +68,8 @@ class Contacts:
         self._peers: dict[int, Peer] = {}
         self._near: dict[int, Peer] = {}
         """Those in contact; the last to be met comes last."""
+        self._places: dict[int, int] = {}
+        """All logs that were ever told of, numbered: what peers have of each stands in arrays."""
         self._lengths: dict[int, int] = {}
         """Of the logs that may be told."""
         self._lacks: dict[int, Lack] = {}
@@ -87,7 +104,7 @@ class Contacts:
 
     def hear_piece(self, peer: Peer, origin: int, end: int) -> None:
         """Note that a peer must have what it told."""
-        if end > peer.known.get(origin, 0):
+        if end > peer.has(self._place(origin)):
             self._know(peer, origin, end)
 
     def offer(self, origin: int, length: int) -> None:
@@ -101,7 +118,11 @@ class Contacts:
         self._part(now)
         on_way, stale = self._on_way, self._stale
         while on_way and not now - on_way[0][0] < RESEND_S:
-            stale.add(on_way.popleft()[1])
+            _, origin = on_way.popleft()
+            stale.add(origin)
+            for peer in self._near.values():
+                if origin in peer.sent and not _is_on_way(peer.sent[origin], now):
+                    del peer.sent[origin]
         if stale:
             self._look(stale, now)
             stale.clear()
@@ -109,9 +130,10 @@ class Contacts:
 
     def sent(self, lack: Lack, end: int, now: float) -> None:
         """Note that what was lacking of a log is on its way, up to an entry."""
+        place = self._place(lack.origin)
         for peer in self._told():
             sent = peer.sent.get(lack.origin, (0, -math.inf))
-            if lack.begin <= max(peer.known.get(lack.origin, 0), _on_way(sent, now)) < end:
+            if lack.begin <= max(peer.has(place), _on_way(sent, now)) < end:
                 peer.sent[lack.origin] = (end, now)
         self._stale.add(lack.origin)
         self._on_way.append((now, lack.origin))
@@ -127,15 +149,19 @@ class Contacts:
             return
         if peer.origin is not None:
             peer.shift_m = None
-            peer.known, peer.sent = {}, {}
+            peer.known, peer.sent = array("H"), {}
         peer.origin = origin
         self._stale.update(self._lengths)
 
+    def _place(self, origin: int) -> int:
+        return self._places.setdefault(origin, len(self._places))
+
     def _know(self, peer: Peer, origin: int, length: int) -> None:
         # Where nobody lacks anything, nobody does when one knows more.
-        if origin in self._lacks or length < peer.known.get(origin, 0):
+        place = self._place(origin)
+        if origin in self._lacks or length < peer.has(place):
             self._stale.add(origin)
-        peer.known[origin] = length
+        peer.learn(place, length)
 
     def _part(self, now: float) -> None:
         """Leave out who has not been met for long: without it, no log lacks more."""
@@ -145,7 +171,9 @@ class Contacts:
                 break
             gone.append(sysid)
         for sysid in gone:
-            del self._near[sysid]
+            sent = self._near.pop(sysid).sent
+            for origin in [origin for origin in sent if not _is_on_way(sent[origin], now)]:
+                del sent[origin]
             self._stale.update(self._lacks)
 
     def _told(self) -> list[Peer]:
@@ -157,8 +185,9 @@ class Contacts:
         lacks, order = self._lacks, self._order
         for origin in origins:
             begin = length = self._lengths.get(origin, 0)
+            place = self._place(origin)
             for known, sent in told:
-                has = known.get(origin, 0)
+                has = known[place] if place < len(known) else 0
                 if has < begin:
                     if origin in sent:
                         has = max(has, _on_way(sent[origin], now))
@@ -171,6 +200,10 @@ class Contacts:
                 insort(order, lack)
 
 
+def _is_on_way(sent: tuple[int, float], now: float) -> bool:
+    return now - sent[1] < RESEND_S
+
+
 def _on_way(sent: tuple[int, float], now: float) -> int:
     """Tell up to where a log is on its way that was sent up to an entry at a time."""
-    return sent[0] if now - sent[1] < RESEND_S else 0
+    return sent[0] if _is_on_way(sent, now) else 0

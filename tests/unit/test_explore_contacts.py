@@ -1,6 +1,7 @@
 """What peers lack, found by what has changed, against looking at everybody and everything."""
 
 import math
+import tracemalloc
 from dataclasses import dataclass, field
 
 from hypothesis import given, settings
@@ -118,3 +119,18 @@ def test_it_does_not_matter_how_often_one_looks(events: list[tuple[str, int, obj
     for name, first, second in events:
         getattr(both, name)(first, second)
     assert both.quick.lacks(99, both.now) == both.plain.lacks(both.now)
+
+
+def test_what_many_peers_have_of_many_logs_takes_a_few_bytes_each() -> None:
+    contacts, many = Contacts(), 250
+    origins = [origin << 8 for origin in range(1, many + 1)]
+    tracemalloc.start()
+    for turn, sysid in enumerate(range(1, many + 1)):
+        contacts.meet(sysid, float(turn), (0.0, 0.0))
+        contacts.hear_summary(sysid, [(origin, 1000) for origin in (*origins[turn:], *origins)])
+        contacts.offer(origins[turn], 2000)
+        for lack in contacts.lacks(9, float(turn)):
+            contacts.sent(lack, 1000 + turn, float(turn))
+    taken, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert taken < 6 * many * many

@@ -207,11 +207,12 @@ def test_a_summary_of_a_large_swarm_takes_turns() -> None:
         summary = trails.summary()
         assert len(summary) <= SUMMARY_BYTES
         reader.hear_summary(300, summary)
-    peer = reader._contacts.get(300)
+    contacts = reader._contacts
+    peer = contacts.get(300)
     assert peer is not None
-    known = peer.known
-    assert known[300] == 0
-    assert all(known[origin] == 1 for origin in range(1, 120))
+    assert 300 in contacts._places
+    assert peer.has(contacts._places[300]) == 0
+    assert all(peer.has(contacts._places[origin]) == 1 for origin in range(1, 120))
 
 
 @pytest.mark.parametrize("bend_m", [0.05, 0.4])
