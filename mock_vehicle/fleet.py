@@ -67,7 +67,7 @@ def apart(a_m: FLOATS, b_m: FLOATS) -> FLOATS:
     squares = b_m.T[:, None, :] - a_m.T[:, :, None]
     squares *= squares
     north, east, down = squares
-    north += down
+    north += down  # in this order: rounded otherwise, another flight would come of it
     north += east
     distances: FLOATS = np.sqrt(north)
     return distances

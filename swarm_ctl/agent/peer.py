@@ -16,6 +16,10 @@ MET_S = 0.3
 """Fix and beacon this young belong together: in this time a vehicle moves a footprint's part."""
 FRESH_S = 1.0
 """A peer silent for longer is out of range (ALGORITHM 3.4: seen in the last second)."""
+LISTED_S = 2.0
+"""Whom a peer has not named for so long it hears no more: it tells long lists in turns."""
+MOST_NAMED = 64
+"""Of so many whom a peer has named, those are forgotten whom it hears no more."""
 BLIND_SIGMA_M = 0.5
 """A peer that is heard but not measured, as behind a blind angle, is known as long as this."""
 LATENCY_S = 0.1
@@ -97,6 +101,9 @@ class Peer:
         """Take a beacon; one that says the same again of who moves is no news."""
         for sysid in beacon.heard:
             self.heard_s[sysid] = now
+        if len(self.heard_s) > MOST_NAMED:
+            named = self.heard_s.items()
+            self.heard_s = {sysid: named_s for sysid, named_s in named if now - named_s <= LISTED_S}
         before, velocity = self.beacon, beacon.velocity_ned_m_s
         if (
             before is not None

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from swarm_ctl.agent.beacon import MOST_HEARD, Beacon
 from swarm_ctl.agent.frame import Shift
 from swarm_ctl.agent.params import FlightParams, RangingParams
-from swarm_ctl.agent.peer import AGREE_M, FRESH_S, Meeting, Neighbour, Peer
+from swarm_ctl.agent.peer import AGREE_M, FRESH_S, LISTED_S, Meeting, Neighbour, Peer
 from swarm_ctl.agent.track import Track
 from swarm_ctl.autopilot.telemetry import PeerFix
 from swarm_ctl.model import Vec3
@@ -19,8 +19,6 @@ STRANGE_S = 5.0
 """For so long after another mission's beacon nobody of that sysid is ours: it may be two."""
 OVERTAKEN = 64
 """Frames that a late one may be behind, a few seconds; a sender farther back has begun anew."""
-LISTED_S = 2.0
-"""Whom a peer has not named for so long it hears no more: it tells long lists in turns."""
 
 
 class PeerTable:

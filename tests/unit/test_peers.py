@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 
 from swarm_ctl.agent.beacon import Beacon, decode, encode, mission_tag
 from swarm_ctl.agent.frame import Place, Shift
-from swarm_ctl.agent.peer import AGREE_M, LATENCY_S, MOST_DOUBT_M, WARY_S, ZONE_M, ZONE_S
+from swarm_ctl.agent.peer import (
+    AGREE_M,
+    LATENCY_S,
+    LISTED_S,
+    MOST_DOUBT_M,
+    MOST_NAMED,
+    WARY_S,
+    ZONE_M,
+    ZONE_S,
+)
 from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import Phase
 from swarm_ctl.autopilot.telemetry import PeerFix
@@ -400,6 +409,16 @@ def test_a_cluster_reaches_whom_a_peer_hears_and_ends_with_what_it_says() -> Non
     table.beacon(2, beacon(heard=(1,)), 2.0, NORTH_10)
     assert table.cluster(2.6) == (2, 3)  # 3 named 4 more than two seconds ago, 2 named 3 later
     assert table.cluster(3.1) == ()
+
+
+def test_whom_a_peer_hears_no_more_is_forgotten() -> None:
+    table = PeerTable(sysid=1)
+    for tick in range(240):
+        now = 0.1 * tick
+        table.beacon(2, beacon(heard=(1, 3, 10 + tick)), now, NORTH_10)
+        named = [10 + before for before in range(tick + 1) if now - 0.1 * before <= LISTED_S]
+        assert table.cluster(now) == (2, 3, *named)
+    assert len(table._peers[2].heard_s) <= MOST_NAMED
 
 
 def test_more_neighbours_than_fit_into_a_beacon_are_told_in_turns() -> None:
