@@ -163,7 +163,8 @@ class Coverage:
         longest = max(len(way) for pair in ways for way in pair)
         filled = [[way + way[:1] * (longest - len(way)) for way in pair] for pair in ways[1:]]
         origin = [[[0] * longest] * 2]
-        self._ways = np.array(origin + filled).transpose(1, 2, 0)[..., None]
+        steps = np.array(origin + filled, dtype=np.intp)  # none where only one's own cell is seen
+        self._ways = steps.transpose(1, 2, 0)[..., None]
         self._steps_open = self._open_steps(world, heights)
 
     def _steps(

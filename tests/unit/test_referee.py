@@ -161,6 +161,15 @@ def test_all_cells_within_the_footprint_are_seen(
         assert (seen == expected).all()
 
 
+@pytest.mark.parametrize("footprint", ["square", "disc", "sphere"])
+def test_a_footprint_may_be_smaller_than_a_cell(tmp_path: Path, footprint: str) -> None:
+    hall = world(tmp_path, f"footprint: {footprint}, radius_m: 0.1, cell_m: 0.25")
+    ground = Coverage(hall, hall.starts(1, 1)[0])
+    ground.cover(np.array([[5.125, 10.125, -1.125]]), UP, 1.0)
+    (seen,) = np.argwhere(~np.isnan(ground.seen_s)).tolist()
+    assert seen[-2:] == [20, 40]
+
+
 def test_a_ceiling_between_hides_what_is_above(tmp_path: Path) -> None:
     shelf = "boxes: [{center_m: [10, 5], size_m: [6, 6], height_m: 1.2}]\n"
     sight = "footprint: sphere, radius_m: 1.5, cell_m: 0.25, line_of_sight: true"
