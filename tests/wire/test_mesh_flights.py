@@ -49,12 +49,12 @@ def fly(tmp_path: Path, peers_url: str) -> Iterator[Callable[..., Fleet]]:
     (tmp_path / "room.yaml").write_text(yaml.safe_dump(WORLD))
     with contextlib.ExitStack() as stack:
 
-        def begin(vehicles: int, **changes: Any) -> Fleet:
+        def begin(vehicles: int, speed: int = SPEED, **changes: Any) -> Fleet:
             (tmp_path / "search.yaml").write_text(yaml.safe_dump({**MISSION, **changes}))
-            plan = {"autopilot": "mixed", "vehicles": vehicles, "speed": SPEED, "rates": "lean"}
+            plan = {"autopilot": "mixed", "vehicles": vehicles, "speed": speed, "rates": "lean"}
             swarm = stack.enter_context(launch(Plan.of({**plan, "world": tmp_path / "room.yaml"})))
             assert isinstance(swarm, RealSwarm)
-            return Fleet(swarm, tmp_path, peers_url)
+            return Fleet(swarm, tmp_path, peers_url, speed)
 
         yield begin
 
@@ -62,12 +62,12 @@ def fly(tmp_path: Path, peers_url: str) -> Iterator[Callable[..., Fleet]]:
 class Fleet:
     """Vehicles of a mock in the air, their controllers' processes, and what these leave behind."""
 
-    def __init__(self, swarm: RealSwarm, folder: Path, peers: str) -> None:
+    def __init__(self, swarm: RealSwarm, folder: Path, peers: str, speed: int) -> None:
         self.swarm = swarm
         self.nearest_m = math.inf
         self._folder = folder
         words = [sys.executable, "-m", "swarm_ctl", "fly", str(folder / "search.yaml")]
-        words += ["--speed", str(SPEED), "--peers", peers]
+        words += ["--speed", str(speed), "--peers", peers]
         self._processes = [
             subprocess.Popen(
                 [*words, "--connect", swarm[n].url, "--out", str(folder / str(n))],
@@ -118,7 +118,8 @@ class Fleet:
 
 @pytest.mark.parametrize("peers_url", ["multicast"], indirect=True)
 def test_vehicles_of_two_processes_keep_apart_by_the_mesh(fly: Callable[..., Fleet]) -> None:
-    fleet = fly(2, planner={**MISSION["planner"], "kind": "lf-pso"})
+    # sped up, what the mesh takes is as many times longer to who flies
+    fleet = fly(2, speed=1, planner={**MISSION["planner"], "kind": "lf-pso"})
     assert fleet.end() == ["", ""]
     assert fleet.nearest_m > 0.7
     print(f"closest approach {fleet.nearest_m:.2f} m")  # noqa: T201
