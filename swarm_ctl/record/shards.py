@@ -97,16 +97,16 @@ def _tell_of_each(
     summaries: Sequence[Mapping[str, Any]],
 ) -> list[str]:
     """Write mission, events, paths and report of all vehicles; give a note if there is none."""
-    vehicles = [vehicle for one in summaries for vehicle in one["per_vehicle"]]
-    if len({vehicle["sysid"] for vehicle in vehicles}) < len(vehicles):
-        return [f"no {REPORT}: vehicles of several groups share sysids; each shard has its own"]
-    summary["per_vehicle"] = vehicles
     try:
         runs = [Run.read(shard) for shard in shards if (shard / "mission.json").exists()]
     except SwarmError as error:
         return [f"no {REPORT}: {error}"]
     if not runs:
         return [f"no {REPORT}: no shard left its mission"]
+    sysids = [sysid for run in runs for sysid in run.sysids]
+    if len(set(sysids)) < len(sysids):
+        return [f"no {REPORT}: vehicles of several groups share sysids; each shard has its own"]
+    summary["per_vehicle"] = [vehicle for one in summaries for vehicle in one["per_vehicle"]]
     started = {**runs[0].started, "shards": len(shards)}
     (folder / "mission.json").write_text(json.dumps(started, indent=2) + "\n", encoding="utf-8")
     entries = [entry for run in runs for entry in run.entries if "sysid" in entry or run is runs[0]]
