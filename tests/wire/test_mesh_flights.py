@@ -20,19 +20,23 @@ from session import Session
 from mock_vehicle.testing import Plan, RealSwarm, Truth, launch
 from swarm_ctl import wire
 from swarm_ctl.agent.beacon import SUMMARY_TYPE
+from swarm_ctl.agent.peer import plus
 from swarm_ctl.cli import main
 from swarm_ctl.explore.pieces import read_summary
+from swarm_ctl.frames import enu_to_ned
+from swarm_ctl.model import Vec3
 
 pytestmark = pytest.mark.wire
 
 SPEED = 5
 PATIENCE_S = 400.0
 """Mission time."""
-STARTS_M = {1: [3, 3, 0], 2: [5, 3, 0], 3: [4, 5, 0]}
+STARTS_M = {1: [3, 3, 0], 2: [3, 5, 0], 3: [5, 4, 0]}
+"""As in worlds and surveys: x east, y north, z up."""
 WORLD: dict[str, Any] = {
     "name": "room",
     "size_m": [8, 8],
-    "starts": [{"position_m": [east, north]} for north, east, _ in STARTS_M.values()],
+    "starts": [{"position_m": start[:2]} for start in STARTS_M.values()],
     "gnss": {"reception": "denied"},
     "radio": {"radius_m": 0},
 }
@@ -80,7 +84,7 @@ class Fleet:
     def fly_until(self, is_so: Callable[[], bool]) -> None:
         def look(truths: list[Truth]) -> bool:
             places = [
-                [p + s for p, s in zip(one.position_ned_m, start, strict=True)]
+                plus(Vec3(*one.position_ned_m), enu_to_ned(Vec3(*start)))
                 for one, start in zip(truths, STARTS_M.values(), strict=False)
             ]
             apart_m = [math.dist(*both) for both in combinations(places, 2)]
