@@ -10,7 +10,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from struct import Struct
 
-from swarm_ctl.model import ZERO, Vec3
+from swarm_ctl.model import Vec3
 
 CELL_M = 0.5
 APPROACH = 0.6
@@ -18,7 +18,7 @@ APPROACH = 0.6
 ROUTE_S = 8.0
 """How long a way home is followed before it is looked for again."""
 STUCK_M = 0.3
-"""Who came no farther on a way home waits for a peer, or cuts a corner that the guard forbids."""
+"""Who is where a route began already waits for a peer, or cuts a corner that the guard forbids."""
 STUCK_TIMES = 2
 FIRST_DETOUR = 2
 """Routes over own ground before a shorter way is tried again; the next time twice as many."""
@@ -184,14 +184,15 @@ class Homeward:
     def __init__(self) -> None:
         self._route: Route | None = None
         self._until_s = 0.0
-        self._from_ned_m = ZERO
+        self._begun_ned_m: list[Vec3] = []
+        """Where routes began since the last detour: three of them may lead round in a circle."""
         self._times_stuck = 0
         self._own_routes, self._detour_routes = 0, FIRST_DETOUR
         self._arrived_s: float | None = None
 
     def restart(self) -> None:
         """Look for a way as soon as one is asked for."""
-        self._route = None
+        self._route, self._begun_ned_m = None, []
         self.go_on()
 
     def go_on(self) -> None:
@@ -212,14 +213,15 @@ class Homeward:
         to pass. Behind the corner that was in the way there is often a shorter one.
         """
         if self._route is None or now >= self._until_s:
-            is_stuck = self._route is not None and math.dist(place, self._from_ned_m) < STUCK_M
-            self._times_stuck += is_stuck
+            self._times_stuck += any(math.dist(place, p) < STUCK_M for p in self._begun_ned_m)
+            self._begun_ned_m.append(place)
             if self._times_stuck >= STUCK_TIMES:
                 self._times_stuck, self._own_routes = 0, self._detour_routes
                 self._detour_routes *= 2
+                self._begun_ned_m = [place]
             self._route = Route(way(self._own_routes > 0))
             self._own_routes = max(0, self._own_routes - 1)
-            self._until_s, self._from_ned_m = now + ROUTE_S, place
+            self._until_s = now + ROUTE_S
         return self._route
 
 

@@ -130,6 +130,19 @@ def test_a_way_home_that_leads_nowhere_is_left_for_the_own_trail(
     assert asked == list(map(bool, own))
 
 
+def test_ways_home_that_lead_round_in_a_circle_are_left_for_the_own_trail() -> None:
+    asked: list[bool] = []
+
+    def way(own: bool) -> list[Vec3]:
+        asked.append(own)
+        return [Vec3(9, 0, -1)]
+
+    homeward = Homeward()
+    for turn in range(8):
+        homeward.route(Vec3(turn % 3, 0.1 * (turn % 2), -1), turn * ROUTE_S, way)
+    assert asked == [False] * 4 + [True] * 2 + [False] * 2
+
+
 def test_behind_the_corner_that_was_in_the_way_the_shorter_way_is_tried_again() -> None:
     asked: list[bool] = []
 
