@@ -1,6 +1,7 @@
 import itertools
 import math
 import tracemalloc
+from collections.abc import Iterable
 
 import pytest
 from hypothesis import given
@@ -114,43 +115,35 @@ def test_a_route_is_flown_place_by_place_and_ends() -> None:
     assert math.dist(place, (1, 2, -1)) < 0.4
 
 
+def ways_asked_for(places: Iterable[tuple[float, Vec3]]) -> list[bool]:
+    """Fly home by places at times, in turns of ROUTE_S; tell which ways were on own ground."""
+    asked: list[bool] = []
+
+    def way(own: bool) -> list[Vec3]:
+        asked.append(own)
+        return [Vec3(9, 0, -1)]
+
+    homeward = Homeward()
+    for turn, place in places:
+        homeward.route(place, turn * ROUTE_S, way)
+    return asked
+
+
 @pytest.mark.parametrize(("moved_m", "own"), [(0.1, [0, 0, 1, 1]), (1.0, [0, 0, 0, 0])])
 def test_a_way_home_that_leads_nowhere_is_left_for_the_own_trail(
     moved_m: float, own: list[bool]
 ) -> None:
-    asked: list[bool] = []
-
-    def way(own: bool) -> list[Vec3]:
-        asked.append(own)
-        return [Vec3(9, 0, -1)]
-
-    homeward = Homeward()
-    for turns in (0.0, 0.5, 1.0, 2.0, 3.5):
-        homeward.route(Vec3(turns * moved_m, 0, -1), turns * ROUTE_S, way)
+    turns = (0.0, 0.5, 1.0, 2.0, 3.5)
+    asked = ways_asked_for((turn, Vec3(turn * moved_m, 0, -1)) for turn in turns)
     assert asked == list(map(bool, own))
 
 
 def test_ways_home_that_lead_round_in_a_circle_are_left_for_the_own_trail() -> None:
-    asked: list[bool] = []
-
-    def way(own: bool) -> list[Vec3]:
-        asked.append(own)
-        return [Vec3(9, 0, -1)]
-
-    homeward = Homeward()
-    for turn in range(8):
-        homeward.route(Vec3(turn % 3, 0.1 * (turn % 2), -1), turn * ROUTE_S, way)
-    assert asked == [False] * 4 + [True] * 2 + [False] * 2
+    places = ((turn, Vec3(turn % 3, 0.1 * (turn % 2), -1)) for turn in range(8))
+    assert ways_asked_for(places) == [False] * 4 + [True] * 2 + [False] * 2
 
 
 def test_behind_the_corner_that_was_in_the_way_the_shorter_way_is_tried_again() -> None:
-    asked: list[bool] = []
-
-    def way(own: bool) -> list[Vec3]:
-        asked.append(own)
-        return [Vec3(9, 0, -1)]
-
-    homeward = Homeward()
-    for turn, north in enumerate([0.0, 0.0, 0.0, 2.0, 4.0, 4.0, 4.0, 6.0, 8.0, 10.0, 12.0]):
-        homeward.route(Vec3(north, 0, -1), turn * ROUTE_S, way)
+    norths = [0.0, 0.0, 0.0, 2.0, 4.0, 4.0, 4.0, 6.0, 8.0, 10.0, 12.0]
+    asked = ways_asked_for((turn, Vec3(north, 0, -1)) for turn, north in enumerate(norths))
     assert asked == [False] * 2 + [True] * 2 + [False] * 2 + [True] * 4 + [False]
