@@ -70,7 +70,7 @@ def pymavlink_pack(name: str) -> Callable[[], object]:
 
 
 def packing(statement: str, name: str, **names: object) -> Callable[[], object]:
-    """Write the arguments out as callers do: to spread a tuple costs as much as a CRC."""
+    """Write the arguments out, for both alike: to spread a tuple costs more than a CRC."""
     values = ", ".join(f"v{index}" for index in range(len(HOT[name])))
     source = f"def run():\n    for seq in seqs:\n        {statement.format(values=values)}"
     scope = {"seqs": SEQS, **names, **{f"v{i}": value for i, value in enumerate(HOT[name])}}
