@@ -31,11 +31,10 @@ pytestmark = pytest.mark.wire
 SPEED = 5
 PATIENCE_S = 400.0
 """Mission time."""
-STARTS_M = {1: [3, 3, 0], 2: [3, 5, 0], 3: [5, 4, 0]}
+STARTS_M = {1: [1, 1, 0], 2: [1, 3, 0], 3: [3, 2, 0]}
 """As in worlds and surveys: x east, y north, z up."""
 WORLD: dict[str, Any] = {
     "name": "room",
-    "size_m": [8, 8],
     "starts": [{"position_m": start[:2]} for start in STARTS_M.values()],
     "gnss": {"reception": "denied"},
     "radio": {"radius_m": 0},
@@ -50,10 +49,11 @@ MISSION: dict[str, Any] = {
 @pytest.fixture
 def fly(tmp_path: Path, peers_url: str) -> Iterator[Callable[..., Fleet]]:
     """Give a function that flies vehicles, each by a process of its own."""
-    (tmp_path / "room.yaml").write_text(yaml.safe_dump(WORLD))
     with contextlib.ExitStack() as stack:
 
-        def begin(vehicles: int, speed: int = SPEED, **changes: Any) -> Fleet:
+        def begin(vehicles: int, speed: int = SPEED, room_m: float = 8.0, **changes: Any) -> Fleet:
+            world = {**WORLD, "size_m": [room_m, room_m]}
+            (tmp_path / "room.yaml").write_text(yaml.safe_dump(world))
             (tmp_path / "search.yaml").write_text(yaml.safe_dump({**MISSION, **changes}))
             plan = {"autopilot": "mixed", "vehicles": vehicles, "speed": speed, "rates": "lean"}
             swarm = stack.enter_context(launch(Plan.of({**plan, "world": tmp_path / "room.yaml"})))
@@ -122,8 +122,9 @@ class Fleet:
 
 @pytest.mark.parametrize("peers_url", ["multicast"], indirect=True)
 def test_vehicles_of_two_processes_keep_apart_by_the_mesh(fly: Callable[..., Fleet]) -> None:
-    # sped up, what the mesh takes is as many times longer to who flies
-    fleet = fly(2, speed=1, planner={**MISSION["planner"], "kind": "lf-pso"})
+    # sped up, what the mesh takes is as many times longer to who flies; in a room so small, those
+    # who know nothing of each other touch
+    fleet = fly(2, speed=1, room_m=4.0, planner={**MISSION["planner"], "kind": "lf-pso"})
     assert fleet.end() == ["", ""]
     assert fleet.nearest_m > 0.7
     print(f"closest approach {fleet.nearest_m:.2f} m")  # noqa: T201
