@@ -185,8 +185,10 @@ class Homeward:
         self._route: Route | None = None
         self._until_s = 0.0
         self._begun_ned_m: list[Vec3] = []
-        """Where routes began since the last detour: three of them may lead round in a circle."""
+        """Where routes began since the last turn: three of them may lead round in a circle."""
         self._times_stuck = 0
+        self._is_own = False
+        """Whether the route followed now leads over own ground."""
         self._own_routes, self._detour_routes = 0, FIRST_DETOUR
         self._arrived_s: float | None = None
 
@@ -210,19 +212,28 @@ class Homeward:
 
         `way(own)` finds one, over ground flown by this vehicle alone when `own` is true: it is for
         a while, and each time for longer, once routes have led nowhere for longer than a peer takes
-        to pass. Behind the corner that was in the way there is often a shorter one.
+        to pass, and no longer once those lead nowhere either. Behind the corner that was in the way
+        there is often a shorter one.
         """
         if self._route is None or now >= self._until_s:
             self._times_stuck += any(math.dist(place, p) < STUCK_M for p in self._begun_ned_m)
-            self._begun_ned_m.append(place)
             if self._times_stuck >= STUCK_TIMES:
-                self._times_stuck, self._own_routes = 0, self._detour_routes
-                self._detour_routes *= 2
-                self._begun_ned_m = [place]
-            self._route = Route(way(self._own_routes > 0))
-            self._own_routes = max(0, self._own_routes - 1)
+                self._turn()
+            self._begun_ned_m.append(place)
+            self._is_own = self._own_routes > 0
+            self._own_routes -= self._is_own
+            self._route = Route(way(self._is_own))
             self._until_s = now + ROUTE_S
         return self._route
+
+    def _turn(self) -> None:
+        """Take the other kind of way: over own ground, or whatever is shorter."""
+        self._times_stuck, self._begun_ned_m = 0, []
+        if self._is_own:
+            self._own_routes = 0
+        else:
+            self._own_routes = self._detour_routes
+            self._detour_routes *= 2
 
 
 def _cell(position: Vec3) -> Cell:

@@ -143,6 +143,11 @@ def test_ways_home_that_lead_round_in_a_circle_are_left_for_the_own_trail() -> N
     assert ways_asked_for(places) == [False] * 4 + [True] * 2 + [False] * 2
 
 
+def test_own_ground_that_leads_nowhere_either_is_left_again() -> None:
+    asked = ways_asked_for((turn, Vec3(0, 0, -1)) for turn in range(11))
+    assert asked == [False] * 2 + [True] * 2 + [False] * 2 + [True] * 2 + [False] * 2 + [True]
+
+
 def test_behind_the_corner_that_was_in_the_way_the_shorter_way_is_tried_again() -> None:
     norths = [0.0, 0.0, 0.0, 2.0, 4.0, 4.0, 4.0, 6.0, 8.0, 10.0, 12.0]
     asked = ways_asked_for((turn, Vec3(north, 0, -1)) for turn, north in enumerate(norths))
