@@ -24,8 +24,9 @@ from swarm_ctl.explore.kernels import (
     Grid,
 )
 
-MARGIN_CELLS = 8
-"""How far beyond what is needed the map grows, so that it seldom grows."""
+MARGIN_CELLS, MARGIN_PARTS = 2, 32
+"""How far beyond what is needed the map grows: so many cells, or that part of a large map, which
+would else be copied again and again."""
 MOST_CELLS = 1 << 25
 """A map larger than this is somebody's mistake; what lies outside is not remembered."""
 
@@ -142,9 +143,10 @@ class VisitedMap:
 
     def give_up(self, position_m: Sequence[float] | Floats, radius_m: float) -> None:
         """Write off the unknown cells around a position, in a box of half size `radius_m`."""
-        x, y, z = self._place(position_m)
-        i, j, k = math.floor(x), math.floor(y), math.floor(z)
-        reach = math.ceil(radius_m / self.cell_m)
+        place, reach = self._place(position_m), math.ceil(radius_m / self.cell_m)
+        if self._reserve(place, place, reach + 1.0):
+            place = self._place(position_m)
+        i, j, k = map(math.floor, place)
         self._box((i, j, k), (reach, reach, reach), GIVEN_UP)
 
     def block(self, position_m: Sequence[float] | Floats) -> None:
@@ -179,9 +181,10 @@ class VisitedMap:
             return False
         lowest = np.floor(np.minimum(start, end) - around).astype(int)
         highest = np.floor(np.maximum(start, end) + around).astype(int) + 1
-        before = np.where(lowest < 0, MARGIN_CELLS - lowest, 0)
         size = np.array(self.grid.shape)
-        after = np.where(highest > size, highest - size + MARGIN_CELLS, 0)
+        margin = np.maximum(size // MARGIN_PARTS, MARGIN_CELLS)
+        before = np.where(lowest < 0, margin - lowest, 0)
+        after = np.where(highest > size, highest - size + margin, 0)
         if not deep:
             before[2] = after[2] = 0
         wanted = size + before + after

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.explore import kernels, memory, swath
 from swarm_ctl.explore.frontier import NOBODY, Others, find_way, find_way_to
-from swarm_ctl.explore.memory import NEAR_WALL, TRODDEN, VISITED, WALL, VisitedMap
+from swarm_ctl.explore.memory import GIVEN_UP, NEAR_WALL, TRODDEN, VISITED, WALL, VisitedMap
 
 PLACE = st.floats(-4.0, 4.0).map(lambda value: round(value, 3) + 0.0007)
 """Off the lattice of cells, where rounding could go either way."""
@@ -68,8 +68,8 @@ def test_loops_and_arrays_mark_the_same(point: list[float], d: int, axis: int) -
             patch.setattr(kernels, "IS_COMPILED", is_compiled)
             world = hall_map() if d == 3 else flat_map()
             assert world.wall(point[:d], axis)
-            world.give_up([-40.0] * d, 1.0)  # outside of the map
-            world.give_up(world.metres([0.5, 0.5, 0.5]), 1.0)  # in its corner
+            world.give_up([-40.0] * d, 1.0)  # outside of the map so far
+            world.block(world.metres([-0.5, 0.5, 0.5]))  # outside, which is not remembered
             world.block(point[:d])
             grids.append(world.grid)
     assert (grids[0] == grids[1]).all()
@@ -84,6 +84,27 @@ def test_the_map_grows_and_forgets_nothing() -> None:
     assert before <= visited(world)
     assert world.flags([-40.0, 25.5]) == VISITED | TRODDEN
     assert world.flags([300.0, 0.0]) == 0
+
+
+def test_a_map_is_little_larger_than_what_is_known_and_grows_seldom_when_it_is_large() -> None:
+    world = flat_map()
+    world.sweep([0.0, 0.0], [0.0, 0.0])
+    shapes = set()
+    for step in range(1000):
+        world.sweep([0.1 * step, 0.0], [0.1 * step + 0.1, 0.0])
+        shapes.add(world.grid.shape)
+    known = np.argwhere(world.grid)
+    spare = np.array(world.grid.shape) - 1 - np.ptp(known, axis=0)
+    assert (spare <= [2 * (world.grid.shape[0] // 32 + 2), 8, 0]).all()
+    assert len(shapes) < 100
+
+
+def test_what_is_given_up_at_the_edge_of_the_map_is_so_beyond_it() -> None:
+    world = flat_map()
+    world.sweep([0.1, 0.1], [0.1, 0.1])
+    edge_m = world.metres([0.5, 0.5, 0.5])
+    world.give_up(edge_m, 0.2)
+    assert all(world.flags([edge_m[0] + x, edge_m[1]]) & GIVEN_UP for x in (-0.2, 0.0, 0.2))
 
 
 def test_a_map_beyond_all_reason_is_not_drawn() -> None:
