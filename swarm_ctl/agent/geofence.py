@@ -36,6 +36,10 @@ GIVE_WAY, IN_THE_WAY = 0.6, 0.7
 """Speed aside per speed ahead; cosine of the angle within which a peer is in the way."""
 
 
+Beams = tuple[tuple[float, float, float, float, float], ...]
+"""Pairs of opposite beams: what the two of them see, m, and the direction of the first."""
+
+
 class Motion(NamedTuple):
     """How the vehicle moves, in its own local frame."""
 
@@ -53,6 +57,7 @@ class Guard:
         """Take the limits; a mission that `is_level` lets peers push sideways only."""
         self._is_level = is_level
         self._limits = limits
+        self._wall_m = limits.wall_m
         self._speed = flight.speed_m_s
         self._climb = flight.climb_m_s
         self._braking = flight.acceleration_m_s2 / 2.0
@@ -88,11 +93,12 @@ class Guard:
         if peers:
             velocity = self._keep_right(velocity, peers)
         seen = self._walls(motion, ranges_m)
-        if any(wall.limit < self._pressing_m_s and not wall.nz for wall in seen):
+        pressing = [wall for wall in seen if wall[3] < self._pressing_m_s]
+        if any(not nz for _, _, nz, _ in pressing):
             velocity = Vec3(velocity.x * ALONG, velocity.y * ALONG, velocity.z * ALONG)
         constraints = self._fence(motion) if knows_place else []
         if peers:
-            constraints += self._peers(motion, peers, self._push(seen))
+            constraints += self._peers(motion, peers, _push(pressing))
         # What is seen comes last, and so wins a contradiction: walls leave the least room.
         constraints += self._remembered(motion, walls) + seen
         return limit_velocity(velocity, constraints, self._speed, self._climb)
@@ -105,37 +111,45 @@ class Guard:
         low, high = (-z, soon_m) if -z <= soon_m else (soon_m, -z)
         floor = wall_limit(low - limits.floor_m, 0.0, VERTICAL_BRAKING_M_S2)
         ceiling = wall_limit(limits.ceiling_m - high, 0.0, VERTICAL_BRAKING_M_S2)
-        fence = [Constraint(0.0, 0.0, 1.0, floor), Constraint(0.0, 0.0, -1.0, ceiling)]
+        fence: list[Constraint] = [(0.0, 0.0, 1.0, floor), (0.0, 0.0, -1.0, ceiling)]
         for north, east in ((x + vx * response_s, y + vy * response_s), (x, y)):
             away = math.hypot(north, east)
             if away > 0.5 * limits.radius_m:
                 room = wall_limit(limits.radius_m - away, FENCE_M, self._braking)
-                fence.append(Constraint(north / away, east / away, 0.0, room))
+                fence.append((north / away, east / away, 0.0, room))
         return fence
 
     def _walls(self, motion: Motion, ranges_m: Sequence[float]) -> list[Constraint]:
         """Bound the speed along each beam that ends at a near wall, two opposite ones at once."""
         kept: list[Constraint] = []
         vx, vy, vz = motion.velocity_ned_m_s
-        far_m = self._far_m + (self._response_s + motion.late_s) * math.sqrt(
-            vx * vx + vy * vy + vz * vz
-        )
-        north, east = math.cos(motion.yaw_rad), math.sin(motion.yaw_rad)
-        axes = ((north, east, 0.0), (east, -north, 0.0), (0.0, 0.0, -1.0))  # front, left, up
-        for index, (x, y, z) in enumerate(axes):
-            one_m, other_m = ranges_m[2 * index : 2 * index + 2]
+        response_s = self._response_s + motion.late_s
+        far_m = self._far_m + response_s * math.sqrt(vx * vx + vy * vy + vz * vz)
+        front_m, back_m, left_m, right_m, up_m, down_m = ranges_m
+        if front_m > far_m and back_m > far_m and left_m > far_m and right_m > far_m:
+            beams: Beams = ((up_m, down_m, 0.0, 0.0, -1.0),)
+            pillars = []
+        else:
+            north, east = math.cos(motion.yaw_rad), math.sin(motion.yaw_rad)
+            beams = (
+                (front_m, back_m, north, east, 0.0),
+                (left_m, right_m, east, -north, 0.0),
+                (up_m, down_m, 0.0, 0.0, -1.0),
+            )
+            pillars = self._pillars(motion, ranges_m, far_m, HALF * north, HALF * east)
+        for one_m, other_m, x, y, z in beams:
             if one_m > far_m and other_m > far_m:
                 continue
-            flown_m = self._flown_m(motion, x, y, z)
+            flown_m = response_s * (vx * x + vy * y + vz * z)
             one, other = _between(
                 self._to_wall(one_m, max(0.0, flown_m), z),
                 self._to_wall(other_m, max(0.0, -flown_m), z),
             )
             if one < self._top:
-                kept.append(Constraint(x, y, z, one))
+                kept.append((x, y, z, one))
             if other < self._top:
-                kept.append(Constraint(-x, -y, -z, other))
-        return kept + self._pillars(motion, ranges_m, far_m)
+                kept.append((-x, -y, -z, other))
+        return kept + pillars
 
     def _flown_m(self, motion: Motion, x: float, y: float, z: float) -> float:
         """Give how far the vehicle flies along a direction before it begins to obey, m."""
@@ -144,8 +158,7 @@ class Guard:
 
     def _room(self, left_m: float, z: float) -> float:
         """Give the largest speed towards a wall along a direction that is level unless `z`, m/s."""
-        braking = VERTICAL_BRAKING_M_S2 if z else self._braking
-        return wall_limit(left_m, self._limits.wall_m, braking)
+        return wall_limit(left_m, self._wall_m, VERTICAL_BRAKING_M_S2 if z else self._braking)
 
     def _to_wall(self, distance_m: float, flown_m: float, z: float) -> float:
         """Give the largest speed towards a wall, m/s, of who flies on for `flown_m`.
@@ -155,14 +168,21 @@ class Guard:
         room = self._room(distance_m - flown_m, z)
         return max(room - flown_m, -PUSH_M_S) if room < 0.0 else room
 
-    def _pillars(self, motion: Motion, ranges_m: Sequence[float], far_m: float) -> list[Constraint]:
+    def _pillars(
+        self,
+        motion: Motion,
+        ranges_m: Sequence[float],
+        far_m: float,
+        north: float,
+        east: float,
+    ) -> list[Constraint]:
         """Bound the speed towards what two wide beams side by side both see: it lies between them.
 
         Along either of them a pillar comes nearer more slowly than it does. Who flies no faster
         than CRAWL_M_S is stopped in time by the beam that it is in at last: doors have pillars.
+        `north` and `east` are those of the heading, HALF as long.
         """
         kept: list[Constraint] = []
-        north, east = HALF * math.cos(motion.yaw_rad), HALF * math.sin(motion.yaw_rad)
         front_m, back_m, left_m, right_m = ranges_m[:4]
         for ahead_m, aside_m, x, y in (
             (front_m, left_m, north + east, east - north),
@@ -173,17 +193,17 @@ class Guard:
             farther_m = max(ahead_m, aside_m)
             if farther_m <= far_m:
                 left_m = farther_m - max(0.0, self._flown_m(motion, x, y, 0.0))
-                room = wall_limit(left_m, PRESSED * self._limits.wall_m, self._braking)
+                room = wall_limit(left_m, PRESSED * self._wall_m, self._braking)
                 if room < self._top:
-                    kept.append(Constraint(x, y, 0.0, max(CRAWL_M_S, room)))
+                    kept.append((x, y, 0.0, max(CRAWL_M_S, room)))
         return kept
 
     def _remembered(self, motion: Motion, walls: Sequence[Remembered]) -> list[Constraint]:
         """Bound the speed towards walls that nobody sees any more; they do not push."""
-        kept = []
+        kept: list[Constraint] = []
         for (x, y, z), distance_m in walls:
             room = self._room(distance_m - max(0.0, self._flown_m(motion, x, y, z)), z)
-            kept.append(Constraint(x, y, z, max(0.0, room)))
+            kept.append((x, y, z, max(0.0, room)))
         return kept
 
     def _keep_right(self, velocity: Vec3, peers: Sequence[Neighbour]) -> Vec3:
@@ -223,8 +243,9 @@ class Guard:
 
         Who stopped between the two would be blown into the wall, a body's radius away.
         """
+        constraints: list[Constraint] = []
         vx, vy, vz = motion.velocity_ned_m_s
-        response_s, constraints = self._response_s + motion.late_s, []
+        response_s = self._response_s + motion.late_s
         for (x, y, z), (px, py, pz), doubt_m in peers:
             distance = max(math.hypot(x, y, z), 1e-3)
             x, y, z = x / distance, y / distance, z / distance  # noqa: PLW2901 - a unit vector now
@@ -235,7 +256,7 @@ class Guard:
             if pushed > max(room, 0.0) and self._is_clear(distance, own, coming, response_s):
                 room = pushed
             if room < self._top:
-                constraints.append(Constraint(x, y, z, room))
+                constraints.append((x, y, z, room))
         return constraints
 
     def _is_clear(
@@ -245,17 +266,6 @@ class Guard:
         room = self._towards_peer(distance_m, own_m_s, coming_m_s, response_s)
         return room > self._nearly_m_s
 
-    def _push(self, walls: Sequence[Constraint]) -> Vec3:
-        """Give the velocity with which walls that are about to be touched push off."""
-        near = [wall for wall in walls if wall.limit < self._pressing_m_s]
-        if not near:
-            return ZERO
-        return Vec3(
-            sum(wall.nx * wall.limit for wall in near),
-            sum(wall.ny * wall.limit for wall in near),
-            sum(wall.nz * wall.limit for wall in near),
-        )
-
     def _towards_peer(
         self, distance_m: float, own_m_s: float, coming_m_s: float, response_s: float
     ) -> float:
@@ -264,10 +274,22 @@ class Guard:
         Who is slower than that will be as fast before it is told to brake: two that turn towards
         each other at once have no speed yet that would warn them.
         """
-        kept = self._limits.separation_m, self._braking, self._speed
+        kept_m, braking, speed = self._limits.separation_m, self._braking, self._speed
         left_m = distance_m - response_s * max(0.0, own_m_s + coming_m_s)
         soon_m = distance_m - response_s * max(0.0, coming_m_s)
-        return min(peer_limit(left_m, *kept), max(0.0, peer_limit(soon_m, *kept, response_s)))
+        soon_m_s = peer_limit(soon_m, kept_m, braking, speed, response_s)
+        return min(peer_limit(left_m, kept_m, braking, speed), max(0.0, soon_m_s))
+
+
+def _push(walls: Sequence[Constraint]) -> Vec3:
+    """Give the velocity with which walls that are about to be touched push off."""
+    if not walls:
+        return ZERO
+    return Vec3(
+        sum(nx * limit for nx, _, _, limit in walls),
+        sum(ny * limit for _, ny, _, limit in walls),
+        sum(nz * limit for _, _, nz, limit in walls),
+    )
 
 
 def _between(one_m_s: float, other_m_s: float) -> tuple[float, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from swarm_ctl.model import Vec3
 
@@ -13,14 +12,9 @@ TOLERANCE_M_S = 0.01
 _SETTLED_M_S = 1e-6
 
 
-class Constraint(NamedTuple):
-    """A half space of velocities, v . n <= limit; n is a unit vector towards what is in the way."""
-
-    nx: float
-    ny: float
-    nz: float
-    limit: float
-    """m/s; negative: move away at least this fast."""
+Constraint = tuple[float, float, float, float]
+"""A half space of velocities, v . n <= limit: the three components of n, a unit vector towards what
+is in the way, and the limit in m/s; negative: move away at least this fast."""
 
 
 def peer_limit(
@@ -71,22 +65,27 @@ def limit_velocity(
     faster than the limit, or than 0, by more than TOLERANCE_M_S. Velocity and constraints are in
     any one frame whose z is vertical.
     """
-    x, y, z = _project(velocity, constraints, sweeps)
+    x, y, z, is_inside = _project(velocity, constraints, sweeps)
     kappa = horizontal_m_s / max(horizontal_m_s, math.sqrt(x * x + y * y))
     kappa = min(kappa, vertical_m_s / max(vertical_m_s, abs(z)))
-    for nx, ny, nz, limit in constraints:
-        allowed = max(0.0, limit) + TOLERANCE_M_S
-        approach = x * nx + y * ny + z * nz
-        if approach > allowed:
-            kappa = min(kappa, allowed / approach)
+    if not is_inside:
+        for nx, ny, nz, limit in constraints:
+            allowed = max(0.0, limit) + TOLERANCE_M_S
+            approach = x * nx + y * ny + z * nz
+            if approach > allowed:
+                kappa = min(kappa, allowed / approach)
     return Vec3(x * kappa, y * kappa, z * kappa)
 
 
 def _project(
     velocity: tuple[float, float, float], constraints: Sequence[Constraint], sweeps: int
-) -> tuple[float, float, float]:
-    """Project on each half space in turn (Gauss-Seidel) until the velocity does not change."""
+) -> tuple[float, float, float, bool]:
+    """Project on each half space in turn (Gauss-Seidel) until the velocity does not change.
+
+    The last value tells whether it lies in all of them; else it may, or nearly.
+    """
     x, y, z = velocity
+    worst = 0.0
     for _ in range(sweeps):
         worst = 0.0
         for nx, ny, nz, limit in constraints:
@@ -96,4 +95,4 @@ def _project(
                 worst = max(worst, excess)
         if worst < _SETTLED_M_S:
             break
-    return x, y, z
+    return x, y, z, not worst

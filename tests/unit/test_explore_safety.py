@@ -33,7 +33,7 @@ def unit(heading_rad: float, climb_rad: float) -> Floats:
 
 def half_space(normal: Floats, limit: float) -> Constraint:
     x, y, z = normal.tolist()
-    return Constraint(x, y, z, limit)
+    return x, y, z, limit
 
 
 half_spaces = st.lists(
@@ -48,9 +48,8 @@ half_spaces = st.lists(
 
 
 def towards(velocity: Vec3, constraint: Constraint) -> float:
-    return float(
-        velocity.x * constraint.nx + velocity.y * constraint.ny + velocity.z * constraint.nz
-    )
+    nx, ny, nz, _ = constraint
+    return velocity.x * nx + velocity.y * ny + velocity.z * nz
 
 
 def filtered(own_m: Floats, peer_m: Floats, wanted: Floats) -> Floats:
@@ -107,7 +106,7 @@ def test_a_wall_stops_a_vehicle_at_its_standoff() -> None:
     furthest_m = 0.0
     for _ in range(200):
         limit = wall_limit(wall_m - north_m, 0.5, ACCELERATION_M_S2 / 2)
-        setpoint = limit_velocity((1.0, 0.0, 0.0), [Constraint(1.0, 0.0, 0.0, limit)], 1.0, 1.0).x
+        setpoint = limit_velocity((1.0, 0.0, 0.0), [(1.0, 0.0, 0.0, limit)], 1.0, 1.0).x
         for _ in range(5):
             change = setpoint - velocity
             velocity += math.copysign(min(abs(change), 2.0 * PHYSICS_S), change)
@@ -144,12 +143,12 @@ def test_limits_towards_a_wall() -> None:
 
 def test_a_velocity_that_harms_nobody_is_left_alone() -> None:
     velocity = Vec3(0.3, -0.4, 0.2)
-    assert limit_velocity(velocity, [Constraint(1.0, 0.0, 0.0, 0.5)], 1.0, 0.5) == velocity
+    assert limit_velocity(velocity, [(1.0, 0.0, 0.0, 0.5)], 1.0, 0.5) == velocity
     assert limit_velocity(velocity, [], 1.0, 0.5) == velocity
 
 
 def test_a_vehicle_slides_along_what_is_ahead() -> None:
-    north = Constraint(1.0, 0.0, 0.0, 0.0)
+    north = (1.0, 0.0, 0.0, 0.0)
     assert limit_velocity((0.6, 0.3, 0.0), [north], 1.0, 0.5) == (0.0, 0.3, 0.0)
 
 
@@ -172,5 +171,5 @@ def test_nothing_is_approached_faster_than_allowed(
     assert math.hypot(velocity.x, velocity.y) <= SPEED_M_S + 1e-9
     assert abs(velocity.z) <= 0.5 + 1e-9
     for constraint in constraints:
-        allowed = max(float(constraint.limit), 0.0) + TOLERANCE_M_S
+        allowed = max(constraint[3], 0.0) + TOLERANCE_M_S
         assert towards(velocity, constraint) <= allowed + 1e-9
