@@ -309,15 +309,12 @@ class Agent:
         place, dimensions = self.telemetry.position_ned_m, self.orders.planner.dimensions
         offsets = [peer.offset_ned_m for peer in self.neighbours]
         heard = zip(self.peers.heard(self.now), offsets, strict=True)
-        ours = [offset for sysid, offset in heard if not self.peers.is_strange(sysid)]
+        ours = [offset[:dimensions] for sysid, offset in heard if not self.peers.is_strange(sysid)]
         if self._sharing is not None:
             self._look_around(self._sharing, offsets)
         try:
             plan = self._ask(
-                list(place[:dimensions]),
-                self.telemetry.yaw_rad,
-                self.telemetry.ranges_m,
-                [offset[:dimensions] for offset in ours],
+                list(place[:dimensions]), self.telemetry.yaw_rad, self.telemetry.ranges_m, ours
             )
             velocity, yaw_rad = _vec3(plan.velocity_m_s, 0.0), plan.heading_rad
             if not all(map(math.isfinite, (*velocity, yaw_rad))):
@@ -364,12 +361,8 @@ class Agent:
             telemetry.peer_fixes.clear()
         if telemetry.victim_fixes or self.victims.news:
             self._report_victims()
-        for text in telemetry.texts:
-            self.note("StatusText", text=text.words, severity=text.severity)
-        telemetry.texts.clear()
-        for ack in telemetry.acks:
-            self._answered(self.commands.acknowledge(ack, self.now))
-        telemetry.acks.clear()
+        if telemetry.texts or telemetry.acks:
+            self._take_word()
         self.neighbours = self.peers.near(telemetry.position_ned_m, self.now)
         gained, lost = self.peers.contacts(self.now)
         if gained or lost:
@@ -380,6 +373,16 @@ class Agent:
             self.trail.mark(telemetry.position_ned_m)
             if self._sharing is not None:
                 self._sharing.meet(self.peers, self.now)
+
+    def _take_word(self) -> None:
+        """Note what the autopilot said, and take its answers."""
+        telemetry = self.telemetry
+        for text in telemetry.texts:
+            self.note("StatusText", text=text.words, severity=text.severity)
+        telemetry.texts.clear()
+        for ack in telemetry.acks:
+            self._answered(self.commands.acknowledge(ack, self.now))
+        telemetry.acks.clear()
 
     def _report_victims(self) -> None:
         """Tell of each victim once: seen before anybody told, or told."""
@@ -433,7 +436,8 @@ class Agent:
         if self.phase in STREAMING and (stamp := telemetry.timesync.request(now)) is not None:
             frames.append(sender.timesync(stamp))
         due, timed_out = self.commands.poll(now)
-        self._answered(timed_out)
+        if timed_out is not None:
+            self._answered(timed_out)
         if due is not None and not is_silent:
             frames.append(sender.command(*due))
         if velocity is not None and self.is_steering:
@@ -462,10 +466,10 @@ class Agent:
             ranges, walls = sight(telemetry, self.now, stale_s)
         knows_place = self.now - telemetry.position_s <= self.orders.limits.link_hold_s
         within_m = self.orders.limits.separation_m + MOST_DOUBT_M
-        zones = self.peers.zones(place, within_m, self.now)
-        safe = self._guard.confine(
-            velocity, motion, ranges, self.neighbours + zones, walls, knows_place=knows_place
-        )
+        peers = self.neighbours
+        if zones := self.peers.zones(place, within_m, self.now):
+            peers = peers + zones
+        safe = self._guard.confine(velocity, motion, ranges, peers, walls, knows_place=knows_place)
         return Setpoint(safe, self.yaw_rad)
 
 

@@ -176,8 +176,12 @@ class PeerTable:
 
     def met(self, now: float) -> list[Meeting]:
         """Give the peers whose place is known in both frames just now, by sysid."""
-        meetings = (peer.meeting(sysid, now) for sysid, peer in sorted(self._fresh.items()))
-        return [meeting for meeting in meetings if meeting is not None]
+        met = []
+        for sysid in sorted(self._fresh):
+            meeting = self._fresh[sysid].meeting(sysid, now)
+            if meeting is not None:
+                met.append(meeting)
+        return met
 
     def contacts(self, now: float) -> tuple[list[int], list[int]]:
         """Tell who came into range and who was lost since the last call."""
