@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-
 from swarm_ctl.agent.beacon import SUMMARY_TYPE, TRAIL_TYPE
 from swarm_ctl.agent.peers import PeerTable
 from swarm_ctl.agent.phases import BEFORE_START
@@ -57,7 +55,7 @@ class Sharing:
             else:
                 points.append((x + own_x, y + own_y, z + own_z)[: self._dimensions])
         if points:
-            self.explorer.observe_hits(np.array(points))
+            self.explorer.observe_points(points)
 
     def meet(self, peers: PeerTable, now: float) -> None:
         """Take note of contacts: who is where, in his frame and in ours."""

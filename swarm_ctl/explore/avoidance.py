@@ -178,6 +178,29 @@ class Avoidance:
         return turn_rad
 
 
+class OneStallWatch:
+    """Notice what `StallWatch` notices of one vehicle, in plain numbers."""
+
+    def __init__(self, steps: int, distance_m: float) -> None:
+        self._steps = steps
+        self._distance_m = distance_m
+        self._count = 0
+        self._moved_m = self._commanded_m = 0.0
+
+    def update(self, moved_m: float, commanded_m: float) -> bool:
+        """Count the paths of the last step; whether it is stalled, at the end of a window."""
+        self._count += 1
+        self._moved_m += moved_m
+        self._commanded_m += commanded_m
+        if self._count < self._steps:
+            return False
+        is_far = self._commanded_m > 2.0 * self._distance_m
+        is_stalled = is_far and self._moved_m < self._distance_m
+        self._count = 0
+        self._moved_m = self._commanded_m = 0.0
+        return is_stalled
+
+
 class StallWatch:
     """Notice vehicles that are commanded to move and do not, once in every `steps` steps.
 

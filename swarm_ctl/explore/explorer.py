@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarm_ctl.explore import kernels
-from swarm_ctl.explore.avoidance import Avoidance, StallWatch
+from swarm_ctl.explore.avoidance import Avoidance, OneStallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
 from swarm_ctl.explore.company import Company
 from swarm_ctl.explore.frontier import find_way, find_way_to
@@ -76,7 +76,7 @@ class Explorer:
         self.company = Company(params)
         self._avoidance = Avoidance(1, params.avoid_distance_m, d)
         window = math.ceil(params.stall_time_s / params.period_s - 1e-9)
-        self._stall = StallWatch(1, window, params.stall_distance_m)
+        self._stall = OneStallWatch(window, params.stall_distance_m)
         self._swath = Swath(params)
         self._gap_cells = max(0, int(2.0 * params.clearance_m / params.cell_m + 1e-9) - 1)
         self._now = 0.0
@@ -101,17 +101,21 @@ class Explorer:
 
     def observe_hits(self, points_m: Floats) -> None:
         """Take wall points (h, d) that beams have hit; the cell behind each is a wall."""
+        self.observe_points(points_m.tolist())
+
+    def observe_points(self, points_m: Iterable[Sequence[float]]) -> None:
+        """Take the same in plain numbers."""
         if not self._place:
             return
         (own_x, own_y, own_z), half = three(self._place), 0.5 * self.params.cell_m
-        for point in points_m.tolist():
+        for point in points_m:
             x, y, z = three(point)
             dx, dy, dz = x - own_x, y - own_y, z - own_z
             far = math.hypot(dx, dy, dz)
             if 1e-6 < far < math.inf:
-                sizes = [abs(dx), abs(dy), abs(dz)]
                 behind = [x + half * dx / far, y + half * dy / far, z + half * dz / far]
-                self._add_wall(behind, sizes.index(max(sizes)))
+                axis = 2 if abs(dz) > max(abs(dx), abs(dy)) else int(abs(dy) > abs(dx))
+                self._add_wall(behind, axis)
 
     def hear_peer(
         self,
@@ -259,19 +263,18 @@ class Explorer:
     def _account(self, place: list[float], heading_rad: float) -> bool:
         """Remember the way since the last step; tell whether the vehicle is stalled."""
         last, self._place = self._place, place
-        if not last or math.dist(last, place) > JUMP_M + 3.0 * self._level_m:
+        moved_m = math.dist(last, place) if last else math.inf
+        if moved_m > JUMP_M + 3.0 * self._level_m:
             self._facing_rad = heading_rad
             self.memory.sweep(place, place)
             self._logbook.begin(place)
             self._target = None
             return False
-        moved_m = math.dist(last, place)
         self._travelled_m += moved_m
         if moved_m > 0.0:
             self.memory.sweep(last, place)
             self._logbook.mark(place)
-        stalled = self._stall.update(np.array([moved_m]), np.array([self._commanded_m]))
-        return stalled.size > 0
+        return self._stall.update(moved_m, self._commanded_m)
 
     def _add_wall(self, point: list[float], axis: int) -> None:
         if self.memory.wall(point, axis):

@@ -116,8 +116,8 @@ class VisitedMap:
         In 3-D a wall is a patch of 3 x 3 cells across the `axis` (0 to 2) along which it was seen:
         few beams would leave gaps in it otherwise.
         """
-        place = self._place(point_m)
-        i, j, k = map(math.floor, place)
+        place = x, y, z = self._place(point_m)
+        i, j, k = math.floor(x), math.floor(y), math.floor(z)
         walls, wall = self._walls, self._number(i, j, k, axis)
         at = bisect_left(walls, wall)
         if _is_at(walls, at, wall):
@@ -130,10 +130,10 @@ class VisitedMap:
             return False
         walls.insert(at, wall)
         is_new = not int(self.grid[i, j, k]) & WALL
-        x, y, z = _PATCHES[axis] if self.dimensions == 3 else (0, 0, 0)
+        a, b, c = _PATCHES[axis] if self.dimensions == 3 else (0, 0, 0)
         near = self._dilation
-        self._box((i, j, k), (x, y, z), WALL)
-        self._box((i, j, k), (x + near, y + near, z + near), NEAR_WALL)
+        self._box((i, j, k), (a, b, c), WALL)
+        self._box((i, j, k), (a + near, b + near, c + near), NEAR_WALL)
         return is_new
 
     def _number(self, i: int, j: int, k: int, axis: int) -> int:

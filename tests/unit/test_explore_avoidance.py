@@ -3,7 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from swarm_ctl.explore.avoidance import RANGE_ORDER, TABLE, Avoidance, StallWatch, table_row
+from swarm_ctl.explore.avoidance import (
+    RANGE_ORDER,
+    TABLE,
+    Avoidance,
+    OneStallWatch,
+    StallWatch,
+    table_row,
+)
 from swarm_ctl.explore.chance import Chance, Floats
 from swarm_ctl.explore.planner import Plan, Planner, PlannerParams
 
@@ -161,3 +168,13 @@ def test_a_stall_is_noticed_at_the_end_of_its_window_only() -> None:
     moved, sent = np.array([0.04, 0.06, 0.0]), np.array([0.3, 0.3, 0.05])
     answers = [watch.update(moved, sent).tolist() for _ in range(8)]
     assert answers == [[], [], [], [0]] * 2  # the second moves, the third was hardly sent
+
+
+def test_one_vehicle_stalls_when_it_would_among_many() -> None:
+    chance = np.random.default_rng(0)
+    one, many = OneStallWatch(4, 0.2), StallWatch(1, 4, 0.2)
+    paths = [(chance.uniform(0.0, 0.1), chance.uniform(0.0, 0.2)) for _ in range(400)]
+    told = [one.update(moved_m, sent_m) for moved_m, sent_m in paths]
+    among = [many.update(np.array([moved_m]), np.array([sent_m])).size for moved_m, sent_m in paths]
+    assert told == [size > 0 for size in among]
+    assert 10 < sum(told) < 90
