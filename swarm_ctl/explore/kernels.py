@@ -79,11 +79,17 @@ def paint(  # noqa: C901 - calls cost more than branches where this is not compi
     i1 = min(grid.shape[0], math.floor(max(ax, ax + dx) + half) + 1)
     j0 = max(0, math.floor(min(ay, ay + dy) - half))
     j1 = min(grid.shape[1], math.floor(max(ay, ay + dy) + half) + 1)
+    x0, x1 = math.floor(min(ax, ax + dx) - 1.0), math.floor(max(ax, ax + dx) + 1.0)
+    y0, y1 = math.floor(min(ay, ay + dy) - 1.0), math.floor(max(ay, ay + dy) + 1.0)
     for i in range(i0, i1):
         wx = i + 0.5 - ax
         for j in range(j0, j1):
             wy = j + 0.5 - ay
+            # nothing is trodden this far off, and most has been swept before
+            is_aside = i < x0 or i > x1 or j < y0 or j > y1
             for k in range(k0, k1):
+                if is_aside and grid[i, j, k] & VISITED:
+                    continue
                 wz = k + 0.5 - az
                 along = wx * dx + wy * dy + wz * dz
                 t = 0.0
@@ -195,6 +201,19 @@ def rate(  # noqa: C901 - see paint
         rated[n, 1] = beside
         rated[n, 2] = last
         rated[n, 3] = free
+
+
+@compiled
+def spread(lanes: Floats, x: float, y: float, z: float, level: float, sides: Floats) -> None:
+    """Put the offsets (1, m, 3) of lanes (m, 2) across a unit direction into `sides`, all in cells.
+
+    `level` is the direction's length along the ground.
+    """
+    for m in range(lanes.shape[0]):
+        aside, above = lanes[m, 0], lanes[m, 1]
+        sides[0, m, 0] = aside * (-y / level) + above * (-z * x / level)
+        sides[0, m, 1] = aside * (x / level) + above * (-z * y / level)
+        sides[0, m, 2] = aside * 0.0 + above * level
 
 
 @compiled

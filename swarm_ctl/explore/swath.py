@@ -44,6 +44,8 @@ class Swath:
         self._bodies = sum(math.hypot(*lane) <= body for lane in swath)
         self.inner = len(swath)
         self._lanes = np.array(swath + edges)
+        self._sides = np.zeros((1, len(self._lanes), 3))
+        self._aside, self._above = self._lanes[None, :, :1], self._lanes[None, :, 1:]
         self.overhead = 1.0 if self._d == 2 else 2.0 / (self.pitch * cell)
         """Samples added to every step's length: short steps cost a decision, too."""
         self._strip = np.array([(2.0 * self.width_m if self._d == 2 else 3.0) / cell])
@@ -74,18 +76,21 @@ class Swath:
         level = np.maximum(np.hypot(x, y), 1e-9)
         side = np.stack([-y / level, x / level, np.zeros_like(x)], axis=1)
         rise = np.stack([-z * x / level, -z * y / level, level], axis=1)
-        lanes: Floats = (
-            self._lanes[None, :, :1] * side[:, None, :]
-            + self._lanes[None, :, 1:] * rise[:, None, :]
-        )
+        lanes: Floats = self._aside * side[:, None, :] + self._above * rise[:, None, :]
         return lanes
 
     def _lanes_across(self, x: float, y: float, z: float) -> Floats:
-        """Give what `lanes` gives for one direction, (1, m, 3): sooner, bit for bit."""
+        """Give what `lanes` gives for one direction, (1, m, 3): sooner, bit for bit.
+
+        The array may be reused.
+        """
         level = max(abs(complex(x, y)), 1e-9)  # numpy's hypot; math.hypot rounds otherwise
+        if kernels.IS_COMPILED:
+            kernels.spread(self._lanes, x, y, z, level, self._sides)
+            return self._sides
         side = np.array([-y / level, x / level, 0.0])
         rise = np.array([-z * x / level, -z * y / level, level])
-        lanes: Floats = self._lanes[None, :, :1] * side + self._lanes[None, :, 1:] * rise
+        lanes: Floats = self._aside * side + self._above * rise
         return lanes
 
     def rate(

@@ -57,6 +57,10 @@ def test_loops_and_arrays_paint_the_same(ends: list[float], d: int, square: bool
     memory._paint(other, start, end, half, is_square=is_square)
     assert (one == other).all()
     assert (one == world.grid).all()
+    beside = end + 2.0
+    kernels.paint(one, end, beside, half, is_square)
+    memory._paint(other, end, beside, half, is_square=is_square)
+    assert (one == other).all()
 
 
 @given(st.lists(PLACE, min_size=3, max_size=3), st.sampled_from([2, 3]), st.integers(0, 2))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from swarm_ctl.explore import kernels
 from swarm_ctl.explore.chance import Chance
 from swarm_ctl.explore.explorer import Explorer
 from swarm_ctl.explore.planner import PlannerParams
@@ -63,7 +64,11 @@ def test_peers_repel_one_vehicle_as_they_do_among_arrays(d: int, longest_m: floa
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_lanes_of_one_direction_are_those_of_many(d: int) -> None:
+@pytest.mark.parametrize("is_compiled", [kernels.IS_COMPILED, False])
+def test_the_lanes_of_one_direction_are_those_of_many(
+    d: int, is_compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernels, "IS_COMPILED", is_compiled)
     swath = Swath(PlannerParams(kind="explore", dimensions=d))
     directions = np.random.default_rng(d).normal(0.0, 1.0, (500, 3))
     for direction, lanes in zip(directions, swath.lanes(directions), strict=True):
