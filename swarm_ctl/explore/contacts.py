@@ -182,21 +182,24 @@ class Contacts:
     def _look(self, origins: Iterable[int], now: float) -> None:
         """Find anew what those in contact lack of these logs."""
         told = [(peer.known, peer.sent) for peer in self._told()]
-        lacks, order = self._lacks, self._order
+        lacks, order, lengths, places = self._lacks, self._order, self._lengths, self._places
         for origin in origins:
-            begin = length = self._lengths.get(origin, 0)
-            place = self._place(origin)
+            begin = length = lengths.get(origin, 0)
+            place = places.setdefault(origin, len(places))
             for known, sent in told:
                 has = known[place] if place < len(known) else 0
                 if has < begin:
                     if origin in sent:
                         has = max(has, _on_way(sent[origin], now))
                     begin = min(begin, has)
-            before = lacks.pop(origin, None)
+            before = lacks.get(origin)
+            lack = Lack(begin - length, origin, begin) if begin < length else None
+            if lack == before:
+                continue
             if before is not None:
-                del order[bisect_left(order, before)]
-            if begin < length:
-                lack = lacks[origin] = Lack(begin - length, origin, begin)
+                del order[bisect_left(order, before)], lacks[origin]
+            if lack is not None:
+                lacks[origin] = lack
                 insort(order, lack)
 
 

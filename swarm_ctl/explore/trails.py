@@ -154,7 +154,7 @@ class Trails:
         others = origins[1:]
         turn = self._turn % len(others) if others else 0
         for told, origin in enumerate([self.own, *others[turn:], *others[:turn]]):
-            pair = varint(origin) + varint(len(self._logs[origin]))
+            pair = varint(origin) + varint(len(self._logs[origin].kinds))
             if len(packed) + len(pair) > SUMMARY_BYTES:
                 self._turn += told - 1
                 break
