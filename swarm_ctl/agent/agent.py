@@ -400,7 +400,8 @@ class Agent:
         telemetry = self.telemetry
         if telemetry.scan is not None and telemetry.scan_s > self._scanned_s:
             self._scanned_s = telemetry.scan_s
-            sharing.see(telemetry.scan.hits(SCAN_M), telemetry.position_ned_m, peers_m)
+            if hits := telemetry.scan.hits(SCAN_M):
+                sharing.see(hits, telemetry.position_ned_m, peers_m)
 
     def _answered(self, answer: Answer | None) -> None:
         if answer is None or answer.is_accepted:

@@ -104,6 +104,8 @@ class Scan(NamedTuple):
         """
         first, increment, nearest, farthest, distances = self
         farthest = min(farthest, math.ceil(within_m * 100.0))
+        if min(distances, default=math.inf) > farthest:
+            return []
         return [
             (cm * 0.01 * math.cos(bearing), cm * 0.01 * math.sin(bearing), 0.0)
             for index, cm in enumerate(distances)
