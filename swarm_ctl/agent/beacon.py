@@ -105,12 +105,12 @@ def decode(payload: bytes) -> Beacon | None:
 
 def _packed_start(start: Place | None) -> tuple[int, ...]:
     match start:
+        case None:
+            return _NO_START, 0, 0, 0
         case Geodetic(latitude, longitude, altitude):
             return _GEODETIC, round(latitude * 1e7), round(longitude * 1e7), round(altitude * 100.0)
         case Vec3():
             return _SURVEYED, *centimetres(start)
-        case None:
-            return _NO_START, 0, 0, 0
 
 
 def _start(kind: int, a: int, b: int, c: int) -> Place | None:
@@ -125,10 +125,11 @@ def _start(kind: int, a: int, b: int, c: int) -> Place | None:
 
 def centimetres(vector: Vec3, most: int = FAR_CM) -> list[int]:
     """Give a vector as it travels, no component larger than `most`."""
-    numbers = [round(value * 100.0) for value in vector]
-    if max(numbers) <= most and min(numbers) >= -most:
-        return numbers
-    return [max(-most, min(most, number)) for number in numbers]
+    x, y, z = vector
+    x, y, z = round(x * 100.0), round(y * 100.0), round(z * 100.0)
+    if -most <= x <= most and -most <= y <= most and -most <= z <= most:
+        return [x, y, z]
+    return [max(-most, min(most, number)) for number in (x, y, z)]
 
 
 def metres(numbers: Sequence[int]) -> Vec3:

@@ -156,16 +156,14 @@ class Guard:
         vx, vy, vz = motion.velocity_ned_m_s
         return (self._response_s + motion.late_s) * (vx * x + vy * y + vz * z)
 
-    def _room(self, left_m: float, z: float) -> float:
-        """Give the largest speed towards a wall along a direction that is level unless `z`, m/s."""
-        return wall_limit(left_m, self._wall_m, VERTICAL_BRAKING_M_S2 if z else self._braking)
-
     def _to_wall(self, distance_m: float, flown_m: float, z: float) -> float:
-        """Give the largest speed towards a wall, m/s, of who flies on for `flown_m`.
+        """Give the largest speed towards a wall, m/s, of who flies on for `flown_m` towards it.
 
-        Who is blown on towards a wall that is too near already is told to leave it the faster.
+        The direction is level unless `z`. Who is blown on towards a wall that is too near already
+        is told to leave it the faster.
         """
-        room = self._room(distance_m - flown_m, z)
+        braking = VERTICAL_BRAKING_M_S2 if z else self._braking
+        room = wall_limit(distance_m - flown_m, self._wall_m, braking)
         return max(room - flown_m, -PUSH_M_S) if room < 0.0 else room
 
     def _pillars(
@@ -202,7 +200,7 @@ class Guard:
         """Bound the speed towards walls that nobody sees any more; they do not push."""
         kept: list[Constraint] = []
         for (x, y, z), distance_m in walls:
-            room = self._room(distance_m - max(0.0, self._flown_m(motion, x, y, z)), z)
+            room = self._to_wall(distance_m, max(0.0, self._flown_m(motion, x, y, z)), z)
             kept.append((x, y, z, max(0.0, room)))
         return kept
 
