@@ -71,7 +71,7 @@ class Trail:
         if is_new:
             self._begin(at, key, position_ned_m)
         self._here, self._cell = self._numbers[at], cell
-        if before != NONE and before not in self._joined(self._here):
+        if before != NONE and (is_new or before not in self._joined(self._here)):
             self._join(self._here, before, is_new=is_new)
 
     def length_m(self) -> float:

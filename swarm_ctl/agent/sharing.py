@@ -80,13 +80,11 @@ class Sharing:
         elif payload_type == TRAIL_TYPE:
             self.explorer.hear_chunk(sysid, payload)
 
-    def outgoing(self, has_peers: bool, now: float, room_bytes: int) -> list[tuple[int, bytes]]:
+    def outgoing(self, now: float, room_bytes: int) -> list[tuple[int, bytes]]:
         """Give payload types and payloads to broadcast now, as frames no longer than there is room.
 
         The summary comes first: without it peers would be told again what they know.
         """
-        if not has_peers:
-            return []
         told = []
         if now >= self._next_summary_s and room_bytes >= SUMMARY_BYTES:
             self._next_summary_s = now + MEET_S

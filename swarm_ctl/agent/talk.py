@@ -78,8 +78,10 @@ class Talk:
             if payload := victims.outgoing(contacts, now):
                 frames.append(sender.broadcast(VICTIMS_TYPE, payload))
         self._budget.spend(frames, now)
-        if self._sharing is not None and is_beacon_due and agent.phase in STEERING:
-            extras = self._sharing.outgoing(bool(agent.neighbours), now, self._budget.room(now))
+        if self._sharing is None or not is_beacon_due or not agent.neighbours:
+            return frames
+        if agent.phase in STEERING:
+            extras = self._sharing.outgoing(now, self._budget.room(now))
             told = [sender.broadcast(*one) for one in extras]
             self._budget.spend(told, now)
             frames += told
