@@ -66,8 +66,10 @@ def limit_velocity(
     any one frame whose z is vertical.
     """
     x, y, z, is_inside = _project(velocity, constraints, sweeps)
-    kappa = horizontal_m_s / max(horizontal_m_s, math.sqrt(x * x + y * y))
-    kappa = min(kappa, vertical_m_s / max(vertical_m_s, abs(z)))
+    level, steep = math.sqrt(x * x + y * y), abs(z)
+    kappa = horizontal_m_s / level if level > horizontal_m_s else 1.0
+    if steep > vertical_m_s:
+        kappa = min(kappa, vertical_m_s / steep)
     if not is_inside:
         for nx, ny, nz, limit in constraints:
             allowed = max(0.0, limit) + TOLERANCE_M_S
