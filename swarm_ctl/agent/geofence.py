@@ -250,9 +250,10 @@ class Guard:
             own = vx * x + vy * y + vz * z
             coming = -(px * x + py * y + pz * z)
             room = self._towards_peer(distance - doubt_m, own, coming, response_s)
-            pushed = 0.5 * (push_m_s.x * x + push_m_s.y * y + push_m_s.z * z)
-            if pushed > max(room, 0.0) and self._is_clear(distance, own, coming, response_s):
-                room = pushed
+            if push_m_s is not ZERO:
+                pushed = 0.5 * (push_m_s.x * x + push_m_s.y * y + push_m_s.z * z)
+                if pushed > max(room, 0.0) and self._is_clear(distance, own, coming, response_s):
+                    room = pushed
             if room < self._top:
                 constraints.append((x, y, z, room))
         return constraints
