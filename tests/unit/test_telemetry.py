@@ -86,6 +86,7 @@ def test_hits_that_are_too_far_off_are_left_out_and_the_others_stay_as_they_are(
     near = [hit for hit in everywhere if math.hypot(*hit) < 2.005]
     assert len(near) == 30
     assert scan.hits(2.0) == near
+    assert scan._replace(distances_cm=(201, 800, 65535)).hits(2.0) == []
 
 
 def test_what_the_radio_tells_late_was_so_in_the_attitude_of_then(vehicle: Vehicle) -> None:
