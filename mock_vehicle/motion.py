@@ -44,6 +44,13 @@ def _within(value: float, limit: float) -> float:
 
 
 @compiled
+def _add(vector: Any, other: Any, factor: float) -> None:
+    """Add a multiple of another vector: by axis, as numba would make room for it elsewhere."""
+    for axis in range(3):
+        vector[axis] += other[axis] * factor
+
+
+@compiled
 def _size(vector: Any, axis: int) -> float:
     """Measure what an axis belongs to: the level part of a vector, or the vertical one."""
     if axis == 2:
@@ -94,17 +101,25 @@ def _follow(error: Any, vehicle: Any, loop: Any, axes: Any, has: Any) -> None:
         integral[axis] += step[axis] * error[axis] * (1.0 if integrates else 0.0)
     change = np.empty(3)
     _answer(error, loop, change)
-    change += integral
-    if has[0]:
-        change -= damping * acceleration
-    if has[1]:
-        change += known_drag * velocity
+    for axis in range(3):  # as in `_add`
+        change[axis] += integral[axis]
+        if has[0]:
+            change[axis] -= damping[axis] * acceleration[axis]
+        if has[1]:
+            change[axis] += known_drag[axis] * velocity[axis]
     _limit(change, thrust_limit)
-    change -= thrust
-    change *= lag_share
+    for axis in range(3):
+        change[axis] = (change[axis] - thrust[axis]) * lag_share[axis]
     if has[2]:
         _limit(change, jerk_step)
-    thrust += change
+    _add(thrust, change, 1.0)
+
+
+@compiled
+def _resist(wind: Any, drag: Any, velocity: Any, acceleration: Any) -> None:
+    """Begin an acceleration with what the air does."""
+    for axis in range(3):
+        acceleration[axis] = drag[axis] * (wind[axis] - velocity[axis])
 
 
 @compiled
@@ -166,16 +181,16 @@ def advance(
         for axis in range(3):
             error[axis] = before[delayed[head, i, axis]] - velocity[axis]
         _follow(error, vehicle, loops[:5, i], axes[:, i], has)
-        acceleration[:] = axes[7, i] * (wind[i] - velocity)
+        _resist(wind[i], axes[7, i], velocity, acceleration)
         if not all_run:
             thrust *= powered
             integral *= powered
             acceleration[2] += GRAVITY_M_S2 * (1.0 - powered)
-        acceleration += thrust
-        velocity += acceleration * dt
+        _add(acceleration, thrust, 1.0)
+        _add(velocity, acceleration, dt)
         if any_grounded:
             velocity *= 0.0 if on_ground[i] and not velocity[2] < 0.0 else 1.0
-        position += velocity * dt
+        _add(position, velocity, dt)
         _turn(dt, turning[:, i], turn_limits[:, i], running[i] and not on_ground[i])
         on_ground[i] = position[2] >= ground[i]
         if on_ground[i]:
