@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -62,15 +64,17 @@ def streams(seed: int, shard: int = 1) -> list[np.random.Generator]:
     return [np.random.Generator(each) for each in bits]
 
 
-def apart(a_m: FLOATS, b_m: FLOATS) -> FLOATS:
-    """Measure how far (k, 3) points are from (n, 3) points, (n, k), m."""
-    squares = b_m.T[:, None, :] - a_m.T[:, :, None]
-    squares *= squares
-    north, east, down = squares
-    north += down  # in this order: rounded otherwise, another flight would come of it
-    north += east
-    distances: FLOATS = np.sqrt(north)
-    return distances
+def apart(a_m: FLOATS, b_m: FLOATS, loops: ModuleType | None = None) -> FLOATS:
+    """Measure how far (n, 3) points are from (k, 3) points, (k, n), m; compiled loops may help."""
+    distances = np.zeros((len(a_m), len(b_m)))
+    if loops is not None:
+        loops.apart(a_m, np.ascontiguousarray(b_m.T), distances)
+        return distances
+    for axis in (0, 2, 1):  # in this order: rounded otherwise, another flight would come of it
+        gap = b_m[:, axis] - a_m[:, axis, None]
+        gap *= gap
+        distances += gap
+    return np.sqrt(distances, out=distances)
 
 
 class Fleet:
@@ -130,6 +134,7 @@ class Fleet:
         self._strangers = NO_STRANGERS
         self._sight_m = world.spec.sensors.range_max_m + MEETING_M
         self._touch = Touch(world, self.dynamics, self.referee)
+        self._loops: ModuleType | None = None
 
     def _build(
         self,
@@ -199,6 +204,8 @@ class Fleet:
         self.dynamics.compile()
         self.world.compile()
         self.radio.compile()
+        if importlib.util.find_spec("numba") is not None:
+            self._loops = importlib.import_module("mock_vehicle.world.loops")
 
     def sign_with(self, key: bytes, timestamp: int) -> None:
         """Give every vehicle the swarm's key; `timestamp` is that of mission time 0."""
@@ -326,7 +333,7 @@ class Fleet:
         if self.abroad is not None:
             self._strangers = self.abroad.choose(position, self._sight_m, now)
             bodies = np.concatenate((position, self._strangers.position_ned_m))
-        return bodies, apart(position, bodies)
+        return bodies, apart(position, bodies, self._loops)
 
     def _hear_around(self, distances: FLOATS, alive: BOOLS, now: float) -> FLOATS:
         """Let the radio find who hears whom; give where all of the group are, (g, 3).
@@ -341,7 +348,7 @@ class Fleet:
         on_air, loss = alive & radio.on_air, radio.extra_loss[radio.own]
         self.abroad.note(position, body.velocity_ned_m_s, on_air, body.on_ground, loss)
         everybody, on_air, radio.extra_loss[:] = self.abroad.group(position, alive, loss, now)
-        radio.update(apart(everybody, everybody), on_air, everybody, now)
+        radio.update(apart(everybody, everybody, self._loops), on_air, everybody, now)
         return everybody
 
     def _tick(

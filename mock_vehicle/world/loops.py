@@ -231,6 +231,16 @@ def cast(
 
 
 @compiled
+def apart(origins: Any, bodies: Any, distances: Any) -> None:
+    """Measure how far bodies, (3, n), are from origins, (k, 3): distances (k, n)."""
+    for i in range(len(origins)):
+        for j in range(bodies.shape[1]):
+            north, east = bodies[0, j] - origins[i, 0], bodies[1, j] - origins[i, 1]
+            down = bodies[2, j] - origins[i, 2]
+            distances[i, j] = math.sqrt(north * north + down * down + east * east)
+
+
+@compiled
 def gaze(
     origins: Any, seers: Any, seen: Any, cosines: Any, sines: Any, ranges: Any, body: Any
 ) -> None:

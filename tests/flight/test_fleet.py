@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 from collections import Counter
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import pytest
 from mock_vehicle.autopilot.link import OUTBOX_FRAMES
 from mock_vehicle.errors import WorldError
 from mock_vehicle.faults import Fault, parse_fault
-from mock_vehicle.fleet import STEP_S, Fleet
+from mock_vehicle.fleet import STEP_S, Fleet, apart
 from mock_vehicle.referee import write_files
 from mock_vehicle.trouble import FleetKilled
 from mock_vehicle.world import load_world
@@ -241,6 +242,16 @@ def test_who_is_landed_on_a_box_stands_there_and_takes_off_from_it(
     flight.fly(6.0)
     assert body.on_ground[0]
     assert body.position_ned_m[0, 2] == 0.0
+
+
+def test_compiled_distances_are_the_plain_ones_bit_for_bit() -> None:
+    pytest.importorskip("numba")
+    loops = importlib.import_module("mock_vehicle.world.loops")
+    rng = np.random.default_rng(5)
+    here, there = rng.normal(0.0, 50.0, (40, 3)), rng.normal(0.0, 50.0, (57, 3))
+    plain = apart(here, there)
+    assert plain == pytest.approx(np.linalg.norm(there - here[:, None], axis=2))
+    assert np.array_equal(apart(here, there, loops), plain)
 
 
 def test_two_that_meet_collide_once_and_hold_each_other_off(launch: Launch) -> None:
