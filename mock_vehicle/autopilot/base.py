@@ -12,7 +12,7 @@ from mock_vehicle.autopilot import auto, missions, ranging
 from mock_vehicle.autopilot.boot import BootLog
 from mock_vehicle.autopilot.fences import Geofence
 from mock_vehicle.autopilot.ground import Ground
-from mock_vehicle.autopilot.link import Link, Streams
+from mock_vehicle.autopilot.link import AUTOPILOT_COMPID, Link, Streams
 from mock_vehicle.autopilot.manoeuvres import (
     FLY,
     NAN,
@@ -52,7 +52,6 @@ from swarm_ctl.signing import Gatekeeper
 if TYPE_CHECKING:
     from mock_vehicle.sensors.readings import PeerFix, VictimFix
 
-AUTOPILOT_COMPID = 1
 HEARTBEAT_ID = wire.message("HEARTBEAT").id
 TUNNEL_ID = wire.message("TUNNEL").id
 ACK_ID = wire.message("COMMAND_ACK").id
@@ -67,6 +66,58 @@ GOLDEN = 0.618
 
 class Autopilot(Personality):
     """One mock autopilot, sans I/O; frames to send pile up in the outboxes of its links."""
+
+    # So many attributes would lie scattered in memory, and a fleet does not fit into a cache.
+    __slots__ = (
+        "_boot_log",
+        "_boot_s",
+        "_rates",
+        "_site",
+        "_text_number",
+        "_timers",
+        "armed",
+        "boot",
+        "booted_at",
+        "descends_at",
+        "flying",
+        "gate",
+        "geofence",
+        "ground",
+        "has_odometry",
+        "heading_rad",
+        "hold_at",
+        "home_at",
+        "home_ned_m",
+        "index",
+        "landed_state",
+        "links",
+        "manoeuvre",
+        "navigation",
+        "orbit",
+        "parameter_service",
+        "parameters",
+        "peers",
+        "plans",
+        "progress",
+        "range_max_m",
+        "range_min_m",
+        "readings",
+        "refusals",
+        "return_m",
+        "routes",
+        "setpoint",
+        "setpoint_at",
+        "setpoint_times",
+        "speed_m_s",
+        "stale_state",
+        "state",
+        "sysid",
+        "takeoff_height_m",
+        "to",
+        "truth",
+        "uid",
+        "victims",
+    )
 
     def __init__(
         self,
@@ -169,15 +220,10 @@ class Autopilot(Personality):
 
     # Frames.
 
-    def send_all(self, message: wire.Message, rows: Sequence[tuple[object, ...]]) -> None:
-        """Queue a frame per row of values, as `send` would each."""
-        for link in self.to:
-            link.send_all(message, self.sysid, AUTOPILOT_COMPID, rows)
-
     def send(self, message: wire.Message, *values: object, compid: int = AUTOPILOT_COMPID) -> None:
         """Queue a frame on the links that are served at the moment."""
         for link in self.to:
-            link.send(message, self.sysid, compid, values)
+            link.post(message.pack(link.sequence(compid), self.sysid, compid, *values))
 
     @contextmanager
     def serving(self, *links: Link) -> Iterator[None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING
 
 from swarm_ctl import wire
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 Encoder = Callable[["Autopilot", float], None]
 """Sends a message, or several of one kind, of an autopilot at a time."""
 
+AUTOPILOT_COMPID = 1
 OUTBOX_FRAMES = 4096
 """The oldest of more are lost, as on a real link: nobody may listen at all."""
 EARLY_S = 0.005
@@ -133,13 +134,14 @@ class Link:
         self._refused.add(verdict)
         return REFUSALS[verdict] if is_news else ""
 
-    def send(
-        self, message: wire.Message, sysid: int, compid: int, values: tuple[object, ...]
-    ) -> None:
-        """Queue a frame under this link's own sequence number."""
+    def sequence(self, compid: int = AUTOPILOT_COMPID) -> int:
+        """Give the number of a component's next frame, which is to be posted."""
         sequence = self._sequences.get(compid, 0)
         self._sequences[compid] = (sequence + 1) & 0xFF
-        frame = message.pack(sequence, sysid, compid, *values)
+        return sequence
+
+    def post(self, frame: bytes) -> None:
+        """Let an own frame leave next, signed if there is a key."""
         self.queue(self._gate.seal(frame, self.number))
 
     def queue(self, frame: bytes) -> None:
@@ -147,17 +149,6 @@ class Link:
         if len(self.outbox) == OUTBOX_FRAMES:
             self.dropped += 1
         self.outbox.append(frame)
-
-    def send_all(
-        self, message: wire.Message, sysid: int, compid: int, rows: Sequence[tuple[object, ...]]
-    ) -> None:
-        """Queue a frame per row of values, as `send` would each."""
-        sequence = self._sequences.get(compid, 0)
-        pack, seal, number = message.pack, self._gate.seal, self.number
-        for values in rows:
-            self.queue(seal(pack(sequence, sysid, compid, *values), number))
-            sequence = (sequence + 1) & 0xFF
-        self._sequences[compid] = sequence
 
     def take(self) -> list[bytes]:
         """Empty the outbox."""
