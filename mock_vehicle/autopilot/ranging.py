@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import TYPE_CHECKING
+from struct import Struct
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,22 +30,61 @@ YAW_180, PITCH_180, ORIENTATION_CUSTOM = 4, 12, 100
 SENSOR_LASER, SENSOR_UNKNOWN = 0, 4
 FRAME_BODY_FRD = 12
 FARTHEST_CM = 0xFFFF
-BROKEN_CM = -1
-"""No range of a ring that says nothing."""
+BROKEN_CM = 0xFFFF
+"""No range, but all of a ring that says nothing."""
+BROKEN = BROKEN_CM.to_bytes(2, "little")
 LONGEST_RANGE_M = 654.0
 """What fits into centimetres of 16 bits, with a number left for "nothing" that is not "unknown"."""
 FIELDS_OF_VIEW_RAD = (math.radians(CONE_DEG),) * 4 + (0.0, 0.0)
-MOUNTINGS = {
-    back: tuple(
-        (number, orientation, view_rad)
+RING_SPACING_DEG = 360 // RING
+
+
+class _Mould(NamedTuple):
+    """What stays the same in frames of which sender and first fields alone change."""
+
+    start: bytes
+    """Up to the sequence number and the sysid."""
+    kind: bytes
+    """Compid and message id, before the fields that change."""
+    end: bytes
+    """What follows those, up to the CRC."""
+
+    @classmethod
+    def of(cls, frame: bytes, layout: Struct) -> _Mould:
+        """Take what stays from a frame and the layout of all before its end."""
+        return cls(frame[:4], frame[6:10], frame[layout.size : -2])
+
+
+RANGE = Struct("<4sBB4sIHHH")
+"""Of DISTANCE_SENSOR up to its distance: `start`, seq, sysid, `kind`, then fields."""
+SCAN = Struct("<4sBB4sQ144sHH")
+"""Of OBSTACLE_DISTANCE up to its bounds."""
+RANGES = {
+    back: [
+        _Mould.of(
+            DISTANCE_SENSOR.pack(
+                *(0, 0, AUTOPILOT_COMPID),
+                *(0, 0, 0, 0),
+                *(SENSOR_LASER, number, orientation, 0xFF, view_rad, 0.0, NO_ROTATION, 0),
+            ),
+            RANGE,
+        )
         for number, (orientation, view_rad) in enumerate(
             zip((0, back, 6, 2, 24, 25), FIELDS_OF_VIEW_RAD, strict=True)
         )
-    )
+    ]
     for back in (YAW_180, PITCH_180)
 }
-"""Number, orientation and width of each rangefinder, by the name of back."""
-RING_SPACING_DEG = 360 // RING
+"""DISTANCE_SENSOR of each rangefinder, by the name of back."""
+RINGS = _Mould.of(
+    OBSTACLE_DISTANCE.pack(
+        *(0, 0, AUTOPILOT_COMPID),
+        *(0, SENSOR_LASER, [0] * RING, RING_SPACING_DEG, 0, 0),
+        *(float(RING_SPACING_DEG), 0.0, FRAME_BODY_FRD),
+    ),
+    SCAN,
+)
+"""OBSTACLE_DISTANCE of a ring."""
 
 
 def centimetres(metres: float) -> int:
@@ -63,30 +103,14 @@ def distance_sensors(autopilot: Autopilot, now: float) -> None:
     """Send the rangefinders that work; beyond max_distance there is nothing."""
     time, sysid = boot_ms(autopilot, now), autopilot.sysid
     reach_m, nearest, farthest = _bounds(autopilot.range_min_m, autopilot.range_max_m)
-    mountings = MOUNTINGS[autopilot.traits.backward]
+    moulds = RANGES[autopilot.traits.backward]
     for link in autopilot.to:
-        for range_m, mounting in zip(autopilot.state.ranges_m, mountings, strict=True):
-            if range_m != range_m:  # noqa: PLR0124 - NaN, and six times cheaper than asking
-                continue
-            number, orientation, view_rad = mounting
-            frame = DISTANCE_SENSOR.pack(  # written out: to spread a tuple takes a third more
-                link.sequence(),
-                sysid,
-                AUTOPILOT_COMPID,
-                time,
-                nearest,
-                farthest,
-                round(range_m * 100.0) if range_m <= reach_m else farthest + 1,
-                SENSOR_LASER,
-                number,
-                orientation,
-                0xFF,
-                view_rad,
-                0.0,
-                NO_ROTATION,
-                0,
-            )
-            link.post(frame)
+        for range_m, (start, kind, end) in zip(autopilot.state.ranges_m, moulds, strict=True):
+            if range_m == range_m:  # noqa: PLR0124 - not NaN, and six times cheaper than asking
+                range_cm = round(range_m * 100.0) if range_m <= reach_m else farthest + 1
+                seq = link.sequence()
+                frame = RANGE.pack(start, seq, sysid, kind, time, nearest, farthest, range_cm) + end
+                link.post(frame + wire.checksum(frame[1:]))
 
 
 def obstacle_distance(autopilot: Autopilot, now: float) -> None:
@@ -95,28 +119,21 @@ def obstacle_distance(autopilot: Autopilot, now: float) -> None:
     reach_m, nearest, farthest = _bounds(autopilot.range_min_m, autopilot.range_max_m)
     if readings.scans_cm is None:
         readings.scans_cm = _scans_cm(readings.ring_m, reach_m, farthest + 1)
-    scan_cm = readings.scans_cm[autopilot.index].tolist()
-    if scan_cm[0] == BROKEN_CM:
+    scan_cm = readings.scans_cm[autopilot.index].tobytes()
+    if scan_cm.startswith(BROKEN):
         return
-    autopilot.send(
-        OBSTACLE_DISTANCE,
-        boot_us(autopilot, now),
-        SENSOR_LASER,
-        scan_cm,
-        RING_SPACING_DEG,
-        nearest,
-        farthest,
-        float(RING_SPACING_DEG),
-        0.0,
-        FRAME_BODY_FRD,
-    )
+    time, sysid, (start, kind, end) = boot_us(autopilot, now), autopilot.sysid, RINGS
+    for link in autopilot.to:
+        seq = link.sequence()
+        frame = SCAN.pack(start, seq, sysid, kind, time, scan_cm, nearest, farthest) + end
+        link.post(frame + wire.checksum(frame[1:]))
 
 
-def _scans_cm(ring_m: NDArray[np.float64], reach_m: float, nothing_cm: int) -> NDArray[np.int64]:
+def _scans_cm(ring_m: NDArray[np.float64], reach_m: float, nothing_cm: int) -> NDArray[np.uint16]:
     """Round the rings of a whole fleet, (n, 72), at once; BROKEN_CM all round for a broken one."""
     seen = ring_m <= reach_m
-    distances = np.rint(np.where(seen, ring_m, 0.0) * 100.0).astype(np.int64)
-    scans = np.where(seen, distances, nothing_cm)
+    distances = np.rint(np.where(seen, ring_m, 0.0) * 100.0).astype("<u2")
+    scans = np.where(seen, distances, np.uint16(nothing_cm))
     scans[np.isnan(ring_m).any(axis=1)] = BROKEN_CM
     return scans
 

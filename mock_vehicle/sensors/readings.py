@@ -64,7 +64,7 @@ class Readings:
     """Shape (n,): `gnss.Reception`."""
     gnss_error_ned_m: Floats
     """Shape (n, 3): fix - truth; without odometry the estimate is as wrong."""
-    scans_cm: NDArray[np.int64] | None = None
+    scans_cm: NDArray[np.uint16] | None = None
     """`ring_m` as OBSTACLE_DISTANCE tells it; None until somebody does."""
     has_odometry: bool = False
     """Whether flow or vision tells the position where satellites do not."""

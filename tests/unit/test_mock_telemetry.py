@@ -247,6 +247,21 @@ def test_a_broken_ring_is_not_sent(personality: Personality) -> None:
 
 
 @both
+def test_ranges_and_rings_are_the_frames_that_the_codec_packs(personality: Personality) -> None:
+    client = Client(personality)
+    client.readings.ranges_m[0] = (1.0, 2.0, 3.004, math.inf, 5.0, math.nan)
+    client.readings.ring_m[0] = 3.0 + 0.05 * np.arange(72)
+    client.command(511, 132, 1e5)
+    client.command(511, 330, 1e5)
+    parser = wire.Parser(("DISTANCE_SENSOR", "OBSTACLE_DISTANCE"))
+    frames = [frame for m in client.tick() for frame in parser.feed(bytes(m.get_msgbuf()))]
+    assert [frame.id for frame in frames] == [132] * 5 + [330]
+    for frame in frames:
+        pack = wire.message(frame.id).pack
+        assert frame.raw == pack(frame.seq, frame.sysid, frame.compid, *frame.values)
+
+
+@both
 def test_a_range_that_fits_no_field_is_nothing_in_range(personality: Personality) -> None:
     client = Client(personality)
     client.readings.range_max_m = 900.0
