@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_vehicle.pairs import pairs
 from mock_vehicle.referee import PARTED_M
 from mock_vehicle.sensors.rangefinder import BODY_RADIUS_M
 from mock_vehicle.shards.abroad import Strangers
@@ -55,8 +56,7 @@ class Touch:
             theirs = np.concatenate((reach, _reach_m(strangers.velocity_ned_m_s)))
         meet = distances < 2.0 * BODY_RADIUS_M + reach[:, None] + theirs
         meet[:, : self._n] &= self._above_diagonal
-        first, second = meet.nonzero()
-        self._near_pairs = first, second
+        self._near_pairs = pairs(meet)
 
     def walls(self) -> None:
         """Stop at the surface whoever is pressed into a wall; it slides along."""

@@ -19,6 +19,7 @@ from mock_vehicle.errors import WorldError
 from mock_vehicle.faults import Fault, check
 from mock_vehicle.geodesy import Origin
 from mock_vehicle.lossy import LossyLinks
+from mock_vehicle.pairs import pairs
 from mock_vehicle.radio import Radio
 from mock_vehicle.referee import Files, Referee, write_files
 from mock_vehicle.sensors.battery import Batteries
@@ -378,8 +379,8 @@ class Fleet:
         position, attitude = body.position_ned_m, (*body.lean_rad(), body.yaw_rad)
         close = distances < self.rangefinders.range_max_m + BODY_RADIUS_M
         close[:, : self.n] &= self._others
-        seer, seen = close.nonzero()
-        ranges = self.rangefinders.measure(self.world, position, body.yaw_rad, (seer, seen), bodies)
+        near = pairs(close)
+        ranges = self.rangefinders.measure(self.world, position, body.yaw_rad, near, bodies)
         readings.ranges_m[:], readings.ring_m[:] = ranges
         readings.scans_cm = None
         readings.peers[:] = self.radio.fixes(group, attitude, now)

@@ -165,9 +165,8 @@ class Referee:
         self.path_length_m += np.sqrt(np.einsum("ij,ij->i", step, step))
         self._position_ned_m = position_ned_m.copy()
         self._airborne = airborne
-        flying = np.nonzero(airborne)[0]
-        among = distances_m[flying[:, None], flying]
-        among[np.arange(len(flying)), np.arange(len(flying))] = math.inf
+        among = distances_m[airborne][:, airborne]
+        np.fill_diagonal(among, math.inf)
         self.separate(among)
         self._find(now, sightings)
         if self._ticks % COVER_EVERY == 0:

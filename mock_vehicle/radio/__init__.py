@@ -8,6 +8,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_vehicle.pairs import pairs
 from mock_vehicle.radio.air import NOTHING, Received, Transmission
 from mock_vehicle.radio.channel import Channel
 from mock_vehicle.radio.figures import Fate, Figures
@@ -118,7 +119,7 @@ class Radio:
         if self._has_elsewhere:
             roll, pitch, yaw = map(self._among_all, attitude_rad)
             attitude_rad = roll, pitch, yaw
-        hearer, peer = self.linked.T.nonzero()
+        hearer, peer = pairs(self.linked.T)
         if self._is_lossy:
             received = self._receives(hearer, peer)
             hearer, peer = hearer[received], peer[received]
