@@ -147,8 +147,6 @@ class Vehicle:
         autopilot.state = state
         autopilot.peers, autopilot.victims = peers, victims
         autopilot.readings = readings
-        autopilot.has_odometry = readings.has_odometry
-        autopilot.range_min_m, autopilot.range_max_m = readings.range_min_m, readings.range_max_m
 
     def receive(self, data: bytes, now: float, link: int = 0) -> list[bytes]:
         """Obey all frames in `data`; give those of the companion that the radio broadcasts.

@@ -280,7 +280,7 @@ class ArduPilot(Autopilot):
         present, enabled, health = SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY
         if self.navigation.knows_time:
             present, enabled, health = (bits | SENSOR_GNSS for bits in (present, enabled, health))
-        if self.navigation.has_origin or self.has_odometry:
+        if self.navigation.has_origin or self.readings.has_odometry:
             enabled, health = enabled | SENSOR_AHRS, health | SENSOR_AHRS
         if self.fence_settings.is_on:
             present, enabled = present | SENSOR_FENCE, enabled | SENSOR_FENCE

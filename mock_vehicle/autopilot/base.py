@@ -83,12 +83,12 @@ class Autopilot(Personality):
         "gate",
         "geofence",
         "ground",
-        "has_odometry",
         "heading_rad",
         "hold_at",
         "home_at",
         "home_ned_m",
         "index",
+        "is_talkative",
         "landed_state",
         "links",
         "manoeuvre",
@@ -99,8 +99,6 @@ class Autopilot(Personality):
         "peers",
         "plans",
         "progress",
-        "range_max_m",
-        "range_min_m",
         "readings",
         "refusals",
         "return_m",
@@ -138,15 +136,11 @@ class Autopilot(Personality):
         self.home_ned_m = home_ned_m
         self.truth = truth
         self.state = State._make([*(0.0,) * 21, [math.inf] * 6])
-        self.has_odometry = False
-        """Whether flow or vision tells the position where satellites do not."""
         self._site = origin
         self.peers: list[PeerFix] = []
         self.victims: list[VictimFix] = []
         self.readings = Readings.blank(0)
         """Of the whole fleet."""
-        self.range_min_m = 0.0
-        self.range_max_m = 0.0
         self.plans = Plans(self.plan_rules)
         """Missions, geofence and rally points; they survive reboots."""
         self.refusals: Sequence[Trouble] = ()
@@ -155,6 +149,8 @@ class Autopilot(Personality):
         """What the streams repeat while telemetry is frozen."""
         self.gate = Gatekeeper()
         self._rates = rates
+        self.is_talkative = rates == "full"
+        """Whether it says all that the real ones say, not only what a swarm needs."""
         self._boot_s = boot_s
         self.parameters = Parameters(
             self.dialect, {**(parameters or {}), self.dialect.sysid: sysid}
@@ -253,11 +249,6 @@ class Autopilot(Personality):
         """Send texts that warn of nothing."""
         for text in texts:
             self.say(Severity.INFO, text, now)
-
-    @property
-    def is_talkative(self) -> bool:
-        """Whether it says all that the real ones say, not only what a swarm needs."""
-        return self._rates == "full"
 
     # Places.
 

@@ -109,7 +109,7 @@ class FenceSettings:
     @property
     def is_bounded(self) -> bool:
         """Whether it limits anything but zones."""
-        return (self.radius_m, self.top_m, self.floor_m) != (math.inf, math.inf, -math.inf)
+        return self.radius_m < math.inf or self.top_m < math.inf or self.floor_m > -math.inf
 
     @classmethod
     def of_px4(cls, parameters: Parameters) -> FenceSettings:

@@ -33,7 +33,7 @@ class Navigation:
             self.knows_time = uptime_s >= autopilot.boot.gnss_s
             if uptime_s >= autopilot.boot.origin_s:
                 self.set_origin(autopilot, self.site, now)
-        if receives or autopilot.has_odometry:
+        if receives or autopilot.readings.has_odometry:
             self.lost_at = None
         elif self.lost_at is None:
             self.lost_at = now

@@ -66,8 +66,13 @@ def _is_whole(*groups: Vector) -> bool:
     level = upright = False
     for axes in groups:
         if axes is not NOWHERE:
-            north, east, down = map(math.isnan, axes)
-            if north != east or any(map(math.isinf, axes)):
+            north, east, down = axes
+            if math.isfinite(north) and math.isfinite(east):
+                level = True
+            elif not (math.isnan(north) and math.isnan(east)):
                 return False
-            level, upright = level or not north, upright or not down
+            if math.isfinite(down):
+                upright = True
+            elif math.isinf(down):
+                return False
     return level and upright

@@ -102,7 +102,8 @@ def _bounds(min_m: float, max_m: float) -> tuple[float, int, int]:
 def distance_sensors(autopilot: Autopilot, now: float) -> None:
     """Send the rangefinders that work; beyond max_distance there is nothing."""
     time, sysid = boot_ms(autopilot, now), autopilot.sysid
-    reach_m, nearest, farthest = _bounds(autopilot.range_min_m, autopilot.range_max_m)
+    readings = autopilot.readings
+    reach_m, nearest, farthest = _bounds(readings.range_min_m, readings.range_max_m)
     moulds = RANGES[autopilot.traits.backward]
     for link in autopilot.to:
         for range_m, (start, kind, end) in zip(autopilot.state.ranges_m, moulds, strict=True):
@@ -116,7 +117,7 @@ def distance_sensors(autopilot: Autopilot, now: float) -> None:
 def obstacle_distance(autopilot: Autopilot, now: float) -> None:
     """Send OBSTACLE_DISTANCE, the level rays clockwise from the nose, unless they are broken."""
     readings = autopilot.readings
-    reach_m, nearest, farthest = _bounds(autopilot.range_min_m, autopilot.range_max_m)
+    reach_m, nearest, farthest = _bounds(readings.range_min_m, readings.range_max_m)
     if readings.scans_cm is None:
         readings.scans_cm = _scans_cm(readings.ring_m, reach_m, farthest + 1)
     scan_cm = readings.scans_cm[autopilot.index].tobytes()
