@@ -123,7 +123,8 @@ class Link:
         """When a ground station's heartbeat last came in here."""
         self._refused: set[Verdict] = set()
         self._gate = gate
-        self._sequences: dict[int, int] = {}
+        self._sequences = bytearray(256)
+        """The number of each component's next frame."""
 
     def refusal(self, frame: wire.Frame) -> str | None:
         """Say why a frame may not be obeyed: nothing for one that may, no words when told."""
@@ -136,7 +137,7 @@ class Link:
 
     def sequence(self, compid: int = AUTOPILOT_COMPID) -> int:
         """Give the number of a component's next frame, which is to be posted."""
-        sequence = self._sequences.get(compid, 0)
+        sequence = self._sequences[compid]
         self._sequences[compid] = (sequence + 1) & 0xFF
         return sequence
 
