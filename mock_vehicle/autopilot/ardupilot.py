@@ -61,6 +61,7 @@ from mock_vehicle.autopilot.traits import (
     Severity,
     SystemStatus,
     Traits,
+    shared,
 )
 from swarm_ctl import wire
 
@@ -203,8 +204,8 @@ class ArduPilot(Autopilot):
     def tune(self) -> None:
         """Work out the failsafes and what the simulator breaks, too."""
         super().tune()
-        self.settings = Settings.of(self.parameters)
-        self.fence_settings = FenceSettings.of_ardupilot(self.parameters)
+        self.settings = shared(Settings.of(self.parameters))
+        self.fence_settings = shared(FenceSettings.of_ardupilot(self.parameters))
         self.ordered_faults = sitl_faults.ordered(self.parameters)
 
     def system_status(self, now: float) -> SystemStatus:

@@ -38,6 +38,7 @@ from mock_vehicle.autopilot.traits import (
     Manoeuvre,
     Rates,
     Severity,
+    shared,
 )
 from mock_vehicle.autopilot.transfers import Plans
 from mock_vehicle.dynamics import Control, Dynamics
@@ -164,7 +165,7 @@ class Autopilot(Personality):
         self.sysid = self.parameters.sysid or self.sysid
         self.parameter_service = ParameterService(self.parameters)
         self.tune()
-        self.boot = self.traits.boot.within(self._boot_s)
+        self.boot = shared(self.traits.boot.within(self._boot_s))
         """When it can do what, in seconds since boot."""
         self.navigation = Navigation(self._site)
         self._timers: list[tuple[float, Callable[[float], None]]] = []

@@ -53,6 +53,7 @@ from mock_vehicle.autopilot.traits import (
     Severity,
     SystemStatus,
     Traits,
+    shared,
 )
 from swarm_ctl import wire
 
@@ -175,8 +176,8 @@ class Px4(Autopilot):
     def tune(self) -> None:
         """Work out the failsafes, too."""
         super().tune()
-        self.settings = Settings.of(self.parameters)
-        self.fence_settings = FenceSettings.of_px4(self.parameters)
+        self.settings = shared(Settings.of(self.parameters))
+        self.fence_settings = shared(FenceSettings.of_px4(self.parameters))
 
     def system_status(self, now: float) -> SystemStatus:
         """UNINIT comes back whenever a mode is chosen that cannot arm."""

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, auto
-from typing import Literal
+from functools import cache
+from typing import Literal, TypeVar, cast
 
 from mock_vehicle.dynamics import Limits
 from mock_vehicle.sensors.gnss import Fix
+
+Value = TypeVar("Value", bound=Hashable)
+
+
+def shared(value: Value) -> Value:
+    """Give the first of all equal values: what a whole fleet reads in turn stays in the cache."""
+    return cast("Value", _first(value))
+
+
+@cache
+def _first(value: Hashable) -> Hashable:
+    return value
 
 
 class LandedState(IntEnum):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from mock_vehicle.autopilot.parameters import Parameters
 from mock_vehicle.autopilot.traits import Return, Traits
@@ -21,7 +22,7 @@ def px4(traits: Traits, parameters: Parameters) -> Traits:
     """Give PX4's numbers under these parameters."""
     share, finite = parameters.share, parameters.finite
     fast, slow, crawl = traits.land_speeds_m_s
-    return replace(
+    return _changed(
         traits,
         limits=_px4_limits(traits.limits, parameters),
         setpoint_timeout_s=traits.setpoint_timeout_s * share("COM_OF_LOSS_T"),
@@ -42,6 +43,12 @@ def px4(traits: Traits, parameters: Parameters) -> Traits:
             wait_s=traits.going_home.wait_s + finite("RTL_LAND_DELAY", 0.0),
         ),
     )
+
+
+def _changed(recorded: Traits, **numbers: Any) -> Traits:
+    """Replace numbers; whose are all as recorded share one object, as with `traits.shared`."""
+    changed = replace(recorded, **numbers)
+    return recorded if changed == recorded else changed
 
 
 def _px4_limits(limits: Limits, parameters: Parameters) -> Limits:
@@ -67,7 +74,7 @@ def ardupilot(traits: Traits, parameters: Parameters) -> Traits:
     share, finite = parameters.share, parameters.finite
     high, low = traits.land_speeds_m_s
     high_m_s = finite("LAND_SPEED_HIGH", 0.0) / CM or high[1] * share("WPNAV_SPEED_DN")
-    return replace(
+    return _changed(
         traits,
         limits=_ardupilot_limits(traits.limits, parameters),
         has_receiver=finite("SIM_GPS1_ENABLE") != 0.0,

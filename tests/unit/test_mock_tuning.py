@@ -38,6 +38,19 @@ def test_the_default_parameters_are_the_recorded_numbers(personality: Personalit
     assert Client(personality).vehicle.autopilot.traits == recorded
 
 
+@both
+def test_vehicles_with_equal_parameters_share_what_they_decide(personality: Personality) -> None:
+    one, other = Client(personality).vehicle.autopilot, Client(personality).vehicle.autopilot
+    assert one.traits is other.traits
+    assert one.boot is other.boot
+    assert one.fence_settings is other.fence_settings
+    name, value = ("COM_OF_LOSS_T", 2.0) if personality == "px4" else ("GUID_TIMEOUT", 6.0)
+    before_s = one.traits.setpoint_timeout_s
+    one.set_parameter(name, value)
+    assert one.traits.setpoint_timeout_s == pytest.approx(2.0 * before_s)
+    assert other.traits.setpoint_timeout_s == before_s
+
+
 # Time.
 
 
