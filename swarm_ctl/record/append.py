@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class AppendFile:
-    """Hands whole records to the kernel: a kill loses no more than what was not flushed.
+    """Hands whole records to the kernel: a kill loses nothing of them.
 
     A file that cannot be written to any more, as on a full disk, ends for good and keeps why.
     """
@@ -18,23 +18,13 @@ class AppendFile:
         """Why nothing is written any more, in words."""
         self.is_closed = False
         self.fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-        self._waiting = bytearray()
         self._is_synced = True
 
-    def write(self, record: bytes, *, flush: bool = True) -> None:
-        """Add a record, now or with the next one that is flushed; never raises."""
-        if self.fault or self.is_closed:
-            return
-        self._waiting += record
-        if flush:
-            self.flush()
-
-    def flush(self) -> None:
-        """Hand over what waits; never raises."""
-        data, self._waiting = bytes(self._waiting), bytearray()
+    def write(self, record: bytes) -> None:
+        """Hand over a record; never raises."""
         try:
-            while data and not self.fault:
-                data = data[os.write(self.fd, data) :]
+            while record and not self.fault and not self.is_closed:
+                record = record[os.write(self.fd, record) :]
                 self._is_synced = False
         except OSError as error:
             self.fault = error.strerror or str(error)
@@ -48,8 +38,7 @@ class AppendFile:
             os.fsync(self.fd)
 
     def close(self) -> None:
-        """Hand over what waits and close the file; more than once does no harm."""
+        """Close the file; more than once does no harm."""
         if not self.is_closed:
-            self.flush()
             self.is_closed = True
             os.close(self.fd)
