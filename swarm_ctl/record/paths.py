@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarm_ctl.model import Vec3
 
@@ -18,6 +17,8 @@ WAYPOINT_S = 1.0
 """Mission time between two waypoints."""
 REACHED_M = 0.5
 """A target counts as visited when the vehicle passes this close."""
+ROUNDED_M = 1e-6
+"""What is lost at most in the sum of two distances."""
 
 
 class PathRecorder:
@@ -74,7 +75,7 @@ class PathRecorder:
             self.length_m += math.dist(before, position)
             self._change(self._last, next=index)
         if self._open:
-            self._visit(_passing(before, position, np.array(self._open_m)).tolist(), index)
+            self._visit(_passing(before, position, self._open_m), index)
         self._last = index
 
     def target(self, time_s: float, position: Vec3) -> None:
@@ -160,11 +161,15 @@ def write_paths(path: Path, recorders: Sequence[PathRecorder]) -> Iterator[None]
     draft.replace(path)
 
 
-def _passing(start: Vec3, end: Vec3, targets: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Give the rows of targets (k, 3) within REACHED_M of the straight line from start to end."""
+def _passing(start: Vec3, end: Vec3, targets: Sequence[Vec3]) -> list[int]:
+    """Give the rows of targets within REACHED_M of the straight line from start to end."""
+    reach_m = math.dist(start, end) + REACHED_M + ROUNDED_M
+    near = [row for row, place in enumerate(targets) if math.dist(end, place) <= reach_m]
+    if not near:  # as nearly always
+        return near
     way = np.array(end) - np.array(start)
-    to = targets - np.array(start)
+    to = np.array([targets[row] for row in near]) - np.array(start)
     along = np.clip(to @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
     miss = to - along[:, None] * way
-    rows: NDArray[np.intp] = np.flatnonzero(np.einsum("kd,kd->k", miss, miss) <= REACHED_M**2)
-    return rows
+    passed = np.einsum("kd,kd->k", miss, miss) <= REACHED_M**2
+    return [row for row, is_passed in zip(near, passed.tolist(), strict=True) if is_passed]

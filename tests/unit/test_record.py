@@ -246,6 +246,17 @@ def test_half_a_metre_counts_as_passing_and_more_does_not() -> None:
     assert statuses == ["visited", "visited", "unexplored", "visited"]
 
 
+def test_half_a_metre_beside_either_end_of_a_leg_counts_as_passing() -> None:
+    path = PathRecorder(1)
+    path.visited(0.0, Vec3(0.0, 0.0, 0.0), ())
+    path.target(0.0, Vec3(4.0, 30.0, 0.0))
+    path.target(0.0, Vec3(-0.5, 0.0, 0.0))
+    path.target(0.0, Vec3(8.5, 0.0, 0.0))
+    path.visited(1.0, Vec3(8.0, 0.0, 0.0), ())
+    statuses = [one["status"] for one in path.encoded()["waypoints"]]
+    assert statuses == ["visited", "unexplored", "visited", "visited", "visited"]
+
+
 def test_paths_are_written_as_the_run_goes_and_at_the_end(make: Make, tmp_path: Path) -> None:
     run = make(tmp_path / "run")
     for now in range(25):
