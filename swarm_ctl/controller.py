@@ -164,15 +164,12 @@ class Clock:
         await asyncio.sleep(max(0.0, (moment_s - self.now()) / self.speed))
 
 
-async def fly(
-    controller: Controller,
-    link: Link,
-    clock: Clock,
-    *,
-    offset_s: float = 0.0,
-    tell: Callable[[Agent, str], None] = lambda *_: None,
-) -> None:
-    """Fly one vehicle over a link until its mission ends.
+Tell = Callable[[Agent, str], None]
+"""Is told of an agent, and how its vehicle is reached; empty when nobody steers it any more."""
+
+
+class Flight:
+    """One vehicle over a link, tick by tick, until its mission ends.
 
     Deadlines are absolute, so ticks do not drift; a tick that was missed is left out, so a
     process that stalled does not send a burst of stale setpoints. `offset_s` spreads vehicles.
@@ -180,31 +177,79 @@ async def fly(
     were each datagram read at once, who serves many would keep other vehicles' ticks waiting.
     Each tick, and when all is over, `tell` is told of the agent and how its vehicle is reached.
     """
-    waiting: deque[tuple[bytes, Source, float]] = deque(maxlen=WAITING_MAX)
 
-    def hear(data: bytes, source: Source) -> None:
-        controller.unheard += len(waiting) == WAITING_MAX
-        waiting.append((data, source, clock.now()))
+    def __init__(
+        self,
+        controller: Controller,
+        link: Link,
+        clock: Clock,
+        *,
+        offset_s: float = 0.0,
+        tell: Tell | None = None,
+    ) -> None:
+        """Prepare it; the first tick is due in `offset_s`."""
+        self.controller = controller
+        self.due_s = clock.now() + offset_s
+        """Mission time of the next tick."""
+        self._link, self._clock, self._tell = link, clock, tell
+        self._waiting: deque[tuple[bytes, Source, float]] = deque(maxlen=WAITING_MAX)
 
-    link.watch(hear)
-    try:
-        due_s = clock.now() + offset_s
-        while not controller.agent.is_ended:
-            await clock.sleep_until(due_s)
-            now = clock.now()
-            left_out = controller.keep_time(now - due_s)
-            while waiting:
-                data, source, arrived_s = waiting.popleft()
-                take = controller.overhear if source == MESH else controller.receive
-                take(data, arrived_s)
-            data = controller.tick(now)
-            if data and not link.send(data):
-                controller.unsent += controller.agent.parser.stats.frames > 0
-            tell(controller.agent, link.reach())
-            due_s += TICK_S * (1 + left_out)
-    except Exception:
-        link.send(controller.agent.standstill())  # its last word: it would fly on for a while
-        raise
-    finally:
-        tell(controller.agent, "")
-        link.close()
+    @property
+    def is_over(self) -> bool:
+        """Whether no tick is to come."""
+        return self.controller.agent.is_ended
+
+    def listen(self) -> None:
+        """Let what arrives wait for the next tick."""
+        self._link.watch(self._hear)
+
+    def tick(self) -> None:
+        """Read what has arrived, decide and send; when it raises, the vehicle stands still."""
+        try:
+            self._tick()
+        except Exception:
+            last_word = self.controller.agent.standstill()  # it would fly on for a while
+            self._link.send(last_word)
+            raise
+
+    def close(self) -> None:
+        """Hear and send nothing any more."""
+        if self._tell is not None:
+            self._tell(self.controller.agent, "")
+        self._link.close()
+
+    def _hear(self, data: bytes, source: Source) -> None:
+        waiting = self._waiting
+        self.controller.unheard += len(waiting) == WAITING_MAX
+        waiting.append((data, source, self._clock.now()))
+
+    def _tick(self) -> None:
+        controller, waiting, now = self.controller, self._waiting, self._clock.now()
+        left_out = controller.keep_time(now - self.due_s)
+        while waiting:
+            data, source, arrived_s = waiting.popleft()
+            take = controller.overhear if source == MESH else controller.receive
+            take(data, arrived_s)
+        data = controller.tick(now)
+        if data and not self._link.send(data):
+            controller.unsent += controller.agent.parser.stats.frames > 0
+        if self._tell is not None:
+            self._tell(controller.agent, self._link.reach())
+        self.due_s += TICK_S * (1 + left_out)
+
+
+async def fly(
+    controller: Controller,
+    link: Link,
+    clock: Clock,
+    *,
+    offset_s: float = 0.0,
+    tell: Tell | None = None,
+) -> None:
+    """Fly one vehicle over a link until its mission ends; `Flight` tells of the arguments."""
+    flight = Flight(controller, link, clock, offset_s=offset_s, tell=tell)
+    with contextlib.closing(flight):
+        flight.listen()
+        while not flight.is_over:
+            await clock.sleep_until(flight.due_s)
+            flight.tick()

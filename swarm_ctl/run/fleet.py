@@ -1,10 +1,11 @@
-"""What flies controllers over links: clock, interrupts, one task per vehicle, progress."""
+"""What flies controllers over links: clock, turns, interrupts, progress."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import gc
+import heapq
 import signal
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from typing import Any
@@ -14,7 +15,7 @@ from swarm_ctl.bus.messages import Info
 from swarm_ctl.bus.mqtt import Broker
 from swarm_ctl.bus.orders import OrderDesk, Outcome
 from swarm_ctl.bus.publisher import Publisher
-from swarm_ctl.controller import TICK_S, Clock, Controller, fly
+from swarm_ctl.controller import TICK_S, Clock, Controller, Flight, Tell
 from swarm_ctl.link import Link
 from swarm_ctl.link.mesh import Mesh
 from swarm_ctl.model import Operator, Vec3
@@ -24,6 +25,8 @@ REPORT_S = 0.25
 SET_ASIDE_S = 0.25
 TOGETHER, MOST_TICKS = 25, 10
 """As many vehicles may beat in the same tick; what recurs does so at least once a second."""
+SOON_S, MOST_TURNS = 0.002, 16
+"""Who is due so soon has his turn with who is due now; after so many turns others are heard."""
 SYNC_S = 1.0
 """Wall time; what a power failure may take of the journals."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -51,7 +54,7 @@ class Fleet:
         """Where the vehicles' own frames begin in the launch frame; for operators' eyes, too."""
         self.mesh: Mesh | None = None
         """What carries peers' frames beside the vehicles' links, if anything does."""
-        self.tell: Callable[[Agent, str], None] = lambda *_: None
+        self.tell: Tell | None = None
         """Is told of every vehicle each tick, and how it is reached."""
 
     @property
@@ -120,18 +123,41 @@ class Fleet:
                 signal.signal(number, handler)
 
     async def _fly_all(self, links: Sequence[Link]) -> None:
-        async with asyncio.TaskGroup() as vehicles:
-            for controller, link in zip(self.controllers, links, strict=True):
-                name = f"vehicle {controller.agent.sysid}"
-                vehicles.create_task(self._fly_one(controller, link), name=name)
-
-    async def _fly_one(self, controller: Controller, link: Link) -> None:
-        """Fly one vehicle; whatever breaks in it stays with it."""
-        offset_s = offset(controller.index, len(self.controllers))
+        """Tick whoever is due, the first first, until all flights are over."""
+        flights = [
+            Flight(each, link, self.clock, offset_s=offset(each.index, len(links)), tell=self.tell)
+            for each, link in zip(self.controllers, links, strict=True)
+        ]
+        due = [(flight.due_s, number) for number, flight in enumerate(flights)]
+        heapq.heapify(due)
+        for flight in flights:
+            self._contain(flight, flight.listen)
         try:
-            await fly(controller, link, self.clock, offset_s=offset_s, tell=self.tell)
+            while due:
+                await self.clock.sleep_until(due[0][0])
+                until_s = max(due[0][0], self.now + SOON_S)
+                for _ in range(MOST_TURNS):
+                    if not due or due[0][0] > until_s:
+                        break
+                    number = due[0][1]
+                    flight = flights[number]
+                    if not flight.is_over:
+                        self._contain(flight, flight.tick)
+                    if flight.is_over:
+                        self._contain(flight, flight.close)
+                        heapq.heappop(due)
+                    else:
+                        heapq.heapreplace(due, (flight.due_s, number))
+        finally:
+            for _, number in due:
+                self._contain(flights[number], flights[number].close)
+
+    def _contain(self, flight: Flight, action: Callable[[], None]) -> None:
+        """Do something for one vehicle; whatever breaks in it stays with it."""
+        try:
+            action()
         except Exception as error:  # noqa: BLE001 - one vehicle never stops another
-            controller.break_down(error, self.now)
+            flight.controller.break_down(error, self.now)
 
     def _bus(self, publisher: Publisher | None) -> Iterator[Coroutine[Any, Any, None]]:
         if self.broker is not None and publisher is not None:
@@ -157,7 +183,8 @@ class Fleet:
         looks = self.tell
 
         def tell(agent: Agent, reach: str) -> None:
-            looks(agent, reach)
+            if looks is not None:
+                looks(agent, reach)
             publisher.look(agent)
 
         self.tell = tell
