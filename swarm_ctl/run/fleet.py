@@ -22,7 +22,7 @@ from swarm_ctl.model import Operator, Vec3
 from swarm_ctl.record.folder import Mode, RunFolder
 
 REPORT_S = 0.25
-SET_ASIDE_S = 0.25
+SET_ASIDE_S = 1.0
 TOGETHER, MOST_TICKS = 25, 10
 """As many vehicles may beat in the same tick; what recurs does so at least once a second."""
 SOON_S, MOST_TURNS = 0.002, 16
