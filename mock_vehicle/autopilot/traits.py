@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, auto
-from functools import cache
+from functools import lru_cache
 from typing import Literal, TypeVar, cast
 
 from mock_vehicle.dynamics import Limits
@@ -19,7 +19,7 @@ def shared(value: Value) -> Value:
     return cast("Value", _first(value))
 
 
-@cache
+@lru_cache
 def _first(value: Hashable) -> Hashable:
     return value
 
