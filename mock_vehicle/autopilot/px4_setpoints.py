@@ -66,13 +66,8 @@ def _is_whole(*groups: Vector) -> bool:
     level = upright = False
     for axes in groups:
         if axes is not NOWHERE:
-            north, east, down = axes
-            if math.isfinite(north) and math.isfinite(east):
-                level = True
-            elif not (math.isnan(north) and math.isnan(east)):
+            north, east, down = map(math.isnan, axes)
+            if north != east or any(map(math.isinf, axes)):
                 return False
-            if math.isfinite(down):
-                upright = True
-            elif math.isinf(down):
-                return False
+            level, upright = level or not north, upright or not down
     return level and upright

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from mock_vehicle.autopilot.clock import boot_ms, boot_us
-from mock_vehicle.autopilot.link import AUTOPILOT_COMPID, Encoder
+from mock_vehicle.autopilot.link import Encoder
 from mock_vehicle.dynamics import GRAVITY_M_S2
 from swarm_ctl import wire
 
@@ -49,21 +49,9 @@ def heartbeat(autopilot: Autopilot, now: float) -> None:
 
 def attitude(autopilot: Autopilot, now: float) -> None:
     """Send ATTITUDE."""
-    s, sysid, time = autopilot.state, autopilot.sysid, boot_ms(autopilot, now)
-    for link in autopilot.to:
-        frame = ATTITUDE.pack(
-            link.sequence(),
-            sysid,
-            AUTOPILOT_COMPID,
-            time,
-            s.roll_rad,
-            s.pitch_rad,
-            s.yaw_rad,
-            0.0,
-            0.0,
-            s.yaw_rate_rad_s,
-        )
-        link.post(frame)
+    s = autopilot.state
+    rates = (0.0, 0.0, s.yaw_rate_rad_s)
+    autopilot.send(ATTITUDE, boot_ms(autopilot, now), s.roll_rad, s.pitch_rad, s.yaw_rad, *rates)
 
 
 def quaternion(state: State) -> tuple[float, float, float, float]:
@@ -126,23 +114,8 @@ def servo_output(autopilot: Autopilot, now: float) -> None:
 
 def local_position(autopilot: Autopilot, now: float) -> None:
     """Send LOCAL_POSITION_NED; while there is no estimate yet nothing is sent."""
-    if not autopilot.has_position(now):
-        return
-    s, sysid, time = autopilot.state, autopilot.sysid, boot_ms(autopilot, now)
-    for link in autopilot.to:
-        frame = LOCAL_POSITION_NED.pack(
-            link.sequence(),
-            sysid,
-            AUTOPILOT_COMPID,
-            time,
-            s.north_m,
-            s.east_m,
-            s.down_m,
-            s.north_m_s,
-            s.east_m_s,
-            s.down_m_s,
-        )
-        link.post(frame)
+    if autopilot.has_position(now):
+        autopilot.send(LOCAL_POSITION_NED, boot_ms(autopilot, now), *autopilot.state[:6])
 
 
 def vfr_hud(autopilot: Autopilot, now: float) -> None:  # noqa: ARG001 - an Encoder

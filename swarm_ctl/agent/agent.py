@@ -437,8 +437,7 @@ class Agent:
         if self.phase in STREAMING and (stamp := telemetry.timesync.request(now)) is not None:
             frames.append(sender.timesync(stamp))
         due, timed_out = self.commands.poll(now)
-        if timed_out is not None:
-            self._answered(timed_out)
+        self._answered(timed_out)
         if due is not None and not is_silent:
             frames.append(sender.command(*due))
         if velocity is not None and self.is_steering:
@@ -467,9 +466,7 @@ class Agent:
             ranges, walls = sight(telemetry, self.now, stale_s)
         knows_place = self.now - telemetry.position_s <= self.orders.limits.link_hold_s
         within_m = self.orders.limits.separation_m + MOST_DOUBT_M
-        peers = self.neighbours
-        if zones := self.peers.zones(place, within_m, self.now):
-            peers = peers + zones
+        peers = self.neighbours + self.peers.zones(place, within_m, self.now)
         safe = self._guard.confine(velocity, motion, ranges, peers, walls, knows_place=knows_place)
         return Setpoint(safe, self.yaw_rad)
 

@@ -76,7 +76,7 @@ def encode(beacon: Beacon) -> bytes:
         *_packed_start(beacon.start),
         len(heard),
     )
-    return head + struct.pack(f"<{len(heard)}I", *heard) if heard else head
+    return head + struct.pack(f"<{len(heard)}I", *heard)
 
 
 @lru_cache(maxsize=256)  # one beacon is heard by many, where many fly in one process

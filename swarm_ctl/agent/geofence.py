@@ -140,7 +140,7 @@ class Guard:
         for one_m, other_m, x, y, z in beams:
             if one_m > far_m and other_m > far_m:
                 continue
-            flown_m = response_s * (vx * x + vy * y + vz * z)
+            flown_m = self._flown_m(motion, x, y, z)
             one, other = _between(
                 self._to_wall(one_m, max(0.0, flown_m), z),
                 self._to_wall(other_m, max(0.0, -flown_m), z),

@@ -71,8 +71,7 @@ class Sender:
             return self._target(Target(velocity_m_s=Vec3(x, y, z)), now)
         yaw = wrap_rad(yaw_rad - self._yaw_offset_rad) or 0.0  # which takes the sign off a zero
         head = int(now * 1000.0) & 0xFFFFFFFF, self.sysid, AUTOPILOT_COMPONENT, _FRAME, _MASK
-        seq, numbers = self.sent & 0xFF, (*_NONE, x, y, z, *_NONE, yaw, 0.0)
-        return self._seal(_SETPOINT.pack(seq, self.sysid, COMPANION_COMPONENT, *head, *numbers))
+        return self._pack(_SETPOINT, *head, *_NONE, x, y, z, *_NONE, yaw, 0.0)
 
     def target(self, wanted: Target, now: float, pilot: Autopilot | None = None) -> bytes:
         """Ask for a target; ValueError says why an autopilot would not fly it as it is meant."""
@@ -97,10 +96,6 @@ class Sender:
         return self._pack(_SETPOINT, boot_ms, *whom, wanted.frame, wanted.mask, *wanted.numbers)
 
     def _pack(self, message: wire.Message, *values: object) -> bytes:
-        seq = self.sent & 0xFF
-        return self._seal(message.pack(seq, self.sysid, COMPANION_COMPONENT, *values))
-
-    def _seal(self, frame: bytes) -> bytes:
-        """Count a frame, and sign it if there is a key."""
+        frame = message.pack(self.sent & 0xFF, self.sysid, COMPANION_COMPONENT, *values)
         self.sent += 1
         return self.gate.seal(frame)

@@ -78,9 +78,7 @@ class Talk:
             if payload := victims.outgoing(contacts, now):
                 frames.append(sender.broadcast(VICTIMS_TYPE, payload))
         self._budget.spend(frames, now)
-        if self._sharing is None or not is_beacon_due or not agent.neighbours:
-            return frames
-        if agent.phase in STEERING:
+        if self._sharing and is_beacon_due and agent.neighbours and agent.phase in STEERING:
             extras = self._sharing.outgoing(now, self._budget.room(now))
             told = [sender.broadcast(*one) for one in extras]
             self._budget.spend(told, now)

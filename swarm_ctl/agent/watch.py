@@ -175,11 +175,8 @@ def _watch_trouble(agent: Agent, judged: Verdict | None) -> None:
 
 def _watch_peers(agent: Agent) -> None:
     """Note a peer at less than half of the separation; the last word pushes the two apart."""
-    if not agent.neighbours:
-        agent.vigil.is_crowded = False
-        return
     separation_m = agent.orders.limits.separation_m
-    nearest_m = min([math.hypot(*at) for at, _, _ in agent.neighbours])
+    nearest_m = min([math.hypot(*at) for at, _, _ in agent.neighbours], default=math.inf)
     if nearest_m < 0.5 * separation_m and not agent.vigil.is_crowded:
         agent.vigil.is_crowded = True
         agent.note("PeerTooClose", distance_m=round(nearest_m, 2))
@@ -194,36 +191,31 @@ def _health(agent: Agent) -> Health:
     troubled_s, battery = vigil.troubled_s, telemetry.battery_fraction
     if battery is not None and agent.phase in STEERING and vigil.endurance.is_due(now):
         vigil.endurance.sample(battery, agent.trail.length_m(), flight.speed_m_s, now)
-    silent_s, untold_s = now - telemetry.heard_s, now - telemetry.mode_s
-    position_age_s = now - min(telemetry.position_s, telemetry.attitude_s)
-    range_age_s = 0.0 if flight.open_air else now - min(telemetry.ranges_s[:4])
-    plan_age_s = now - planned_s if plans else 0.0
-    holding_s = 0.0 if troubled_s is None else now - troubled_s
-    return Health(  # names would take longer than all the rest
-        silent_s,
-        position_age_s,
-        range_age_s,
-        plan_age_s,
-        holding_s,
-        now - agent.began_s,
-        1.0 if battery is None else battery,
-        vigil.endurance.needed,
-        _outside_s(agent),
-        untold_s,
-        telemetry.timesync.round_trip_s(now),
-        _estimate_trouble(agent),
+    return Health(
+        silent_s=now - telemetry.heard_s,
+        untold_s=now - telemetry.mode_s,
+        position_age_s=now - min(telemetry.position_s, telemetry.attitude_s),
+        range_age_s=0.0 if flight.open_air else now - min(telemetry.ranges_s[:4]),
+        plan_age_s=now - planned_s if plans else 0.0,
+        holding_s=0.0 if troubled_s is None else now - troubled_s,
+        mission_s=now - agent.began_s,
+        battery_fraction=1.0 if battery is None else battery,
+        way_home_fraction=vigil.endurance.needed,
+        outside_s=_outside_s(agent),
+        round_trip_s=telemetry.timesync.round_trip_s(now),
+        estimate=_estimate_trouble(agent),
     )
 
 
 def _outside_s(agent: Agent) -> float:
     (x, y, z), limits = agent.telemetry.position_ned_m, agent.orders.limits
-    if not max(math.hypot(x, y) - limits.radius_m, -z - limits.ceiling_m) > OUTSIDE_M:
+    is_outside = max(math.hypot(x, y) - limits.radius_m, -z - limits.ceiling_m) > OUTSIDE_M
+    if not is_outside:
         agent.vigil.outside_s = None
-        return 0.0
-    if agent.vigil.outside_s is None:
+    elif agent.vigil.outside_s is None:
         agent.vigil.outside_s = agent.now
         agent.note("FenceLeft", position_ned_m=[round(metres, 2) for metres in (x, y, z)])
-    return agent.now - agent.vigil.outside_s
+    return 0.0 if agent.vigil.outside_s is None else agent.now - agent.vigil.outside_s
 
 
 def _estimate_trouble(agent: Agent) -> str:
@@ -242,7 +234,8 @@ def _is_time_up(agent: Agent) -> bool:
 
 def _watch_mode(agent: Agent) -> None:
     telemetry, vigil = agent.telemetry, agent.vigil
-    if telemetry.is_offboard or (telemetry.is_landing and agent.phase is Phase.LANDING):
+    lands = agent.phase is Phase.LANDING and telemetry.is_landing
+    if telemetry.is_offboard or lands:
         vigil.mode_lost_s, vigil.mode_before = None, telemetry.custom_mode
     elif vigil.mode_lost_s is None and telemetry.mode_s > -math.inf:
         vigil.mode_lost_s = telemetry.mode_s

@@ -56,11 +56,9 @@ def _strays(points: Sequence[list[float]], start: list[float], end: list[float])
     dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
     for point in points:
         (x, y, z), t = three(point), 0.0
-        along = dx * (x - x0) + dy * (y - y0) + dz * (z - z0)
-        if along >= length2 > 0.0:
-            t = 1.0
-        elif 0.0 < along < length2:
-            t = along / length2
+        if length2 > 0.0:
+            along = dx * (x - x0) + dy * (y - y0) + dz * (z - z0)
+            t = min(1.0, max(0.0, along / length2))
         foot = x0 + t * dx, y0 + t * dy, z0 + t * dz
         if math.dist((x, y, z), foot) > DEVIATION_M:
             return True

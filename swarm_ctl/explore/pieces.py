@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import sys
 from array import array
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
@@ -78,9 +77,8 @@ def encode(
     chosen += bytes(count % 2)
     packed = bytes([low | high << 4 for low, high in zip(chosen[::2], chosen[1::2], strict=True)])
     numbers = numbers_cm[begin * dimensions : (begin + count) * dimensions]
-    if sys.byteorder == "big":
-        numbers.byteswap()
-    return head + bytes([count]) + packed + numbers.tobytes(), count
+    data = head + bytes([count]) + packed + struct.pack(f"<{len(numbers)}h", *numbers)
+    return data, count
 
 
 @lru_cache(256)  # one piece is heard by many, where many fly in one process
