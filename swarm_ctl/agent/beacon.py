@@ -125,8 +125,8 @@ def _start(kind: int, a: int, b: int, c: int) -> Place | None:
 
 def centimetres(vector: Vec3, most: int = FAR_CM) -> list[int]:
     """Give a vector as it travels, no component larger than `most`."""
-    x, y, z = vector
-    x, y, z = round(x * 100.0), round(y * 100.0), round(z * 100.0)
+    north, east, down = vector
+    x, y, z = round(north * 100.0), round(east * 100.0), round(down * 100.0)
     if -most <= x <= most and -most <= y <= most and -most <= z <= most:
         return [x, y, z]
     return [max(-most, min(most, number)) for number in (x, y, z)]
