@@ -184,8 +184,8 @@ class Explorer:
 
     @property
     def head_m(self) -> list[float]:
-        """Where the way ends that the own log tells, and what is still to come of it."""
-        return self._place
+        """Where the way over new ground ends whose last line is not in the log; empty without."""
+        return self._place if self._logbook.is_new else []
 
     def resume(
         self,
@@ -266,14 +266,13 @@ class Explorer:
         moved_m = math.dist(last, place) if last else math.inf
         if moved_m > JUMP_M + 3.0 * self._level_m:
             self._facing_rad = heading_rad
-            self.memory.sweep(place, place)
+            self.memory.sweep(place, place, is_own=True)
             self._logbook.begin(place)
             self._target = None
             return False
         self._travelled_m += moved_m
         if moved_m > 0.0:
-            self.memory.sweep(last, place)
-            self._logbook.mark(place)
+            self._logbook.mark(place, is_new=self.memory.sweep(last, place, is_own=True))
         return self._stall.update(moved_m, self._commanded_m)
 
     def _add_wall(self, point: list[float], axis: int) -> None:

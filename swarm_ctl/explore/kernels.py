@@ -35,6 +35,8 @@ NEAR_WALL = 16
 """Too close to a wall for a path; TRODDEN overrules it."""
 BLOCKED = 32
 """A vehicle was held up on its way into the cell, whatever the map says."""
+OWN = 64
+"""The vehicle's own footprint has swept the cell."""
 KNOWN = VISITED | WALL | GIVEN_UP
 SLIVER = 100
 """Rank of a frontier with little behind it: whatever else there is comes first."""
@@ -58,12 +60,15 @@ compiled = _compiler()
 
 @compiled
 def paint(  # noqa: C901 - calls cost more than branches where this is not compiled
-    grid: Grid, start: Point, end: Point, half: float, is_square: bool
-) -> None:
+    grid: Grid, start: Point, end: Point, half: float, is_square: bool, seen: int
+) -> bool:
     """Mark what a footprint sweeps from `start` to `end` (3,); the grid must hold all of it.
 
     `half` is the radius of a disc (2-D) or sphere, or half the side of an axis-aligned square.
+    Its cells are marked as `seen`; tell whether that is news: some were not, or one near a wall had
+    not been flown through.
     """
+    is_new = False
     flat = grid.shape[2] == 1
     ax, ay, az = start[0], start[1], start[2]
     dx, dy, dz = end[0] - ax, end[1] - ay, end[2] - az
@@ -88,7 +93,7 @@ def paint(  # noqa: C901 - calls cost more than branches where this is not compi
             # nothing is trodden this far off, and most has been swept before
             is_aside = i < x0 or i > x1 or j < y0 or j > y1
             for k in range(k0, k1):
-                if is_aside and grid[i, j, k] & VISITED:
+                if is_aside and grid[i, j, k] & seen == seen:
                     continue
                 wz = k + 0.5 - az
                 along = wx * dx + wy * dy + wz * dz
@@ -97,13 +102,19 @@ def paint(  # noqa: C901 - calls cost more than branches where this is not compi
                     t = min(1.0, max(0.0, along / length2))
                 ex, ey, ez = wx - t * dx, wy - t * dy, wz - t * dz
                 distance2 = ex * ex + ey * ey + ez * ez
+                flags, before = 0, grid[i, j, k]
                 if distance2 <= 0.25:
-                    grid[i, j, k] |= VISITED | TRODDEN
+                    flags = seen | TRODDEN
                 elif is_square:
                     if in_swept_square(wx, wy, dx, dy, half + TOLERANCE):
-                        grid[i, j, k] |= VISITED
+                        flags = seen
                 elif distance2 <= reach2:
-                    grid[i, j, k] |= VISITED
+                    flags = seen
+                if flags & before != flags:
+                    grid[i, j, k] |= flags
+                    if before & seen != seen or before & NEAR_WALL:
+                        is_new = True
+    return is_new
 
 
 @compiled

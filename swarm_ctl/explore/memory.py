@@ -18,6 +18,7 @@ from swarm_ctl.explore.kernels import (
     GIVEN_UP,
     KNOWN,
     NEAR_WALL,
+    OWN,
     TRODDEN,
     VISITED,
     WALL,
@@ -81,15 +82,27 @@ class VisitedMap:
         """Read the flags of the cell at a position; 0 where nothing is known."""
         return int(kernels.look(self.grid, *self.cells(position_m)))
 
-    def sweep(self, start_m: Sequence[float] | Floats, end_m: Sequence[float] | Floats) -> None:
-        """Mark what the footprint sweeps along a straight segment."""
+    def sweep(
+        self,
+        start_m: Sequence[float] | Floats,
+        end_m: Sequence[float] | Floats,
+        *,
+        is_own: bool = False,
+    ) -> bool:
+        """Mark what a footprint sweeps along a straight segment; tell whether it is news.
+
+        News are cells not seen before, by the vehicle itself if the footprint `is_own`, and those
+        near a wall that nobody had flown through.
+        """
+        seen = VISITED | OWN if is_own else VISITED
         start, end = self._place(start_m), self._place(end_m)
         if self._reserve(start, end, self._half + 1.0):
             start, end = self._place(start_m), self._place(end_m)
         if kernels.IS_COMPILED:
-            kernels.paint(self.grid, start, end, self._half, self._is_square)
-        else:
-            _paint(self.grid, np.array(start), np.array(end), self._half, is_square=self._is_square)
+            is_new: bool = kernels.paint(self.grid, start, end, self._half, self._is_square, seen)
+            return is_new
+        a, b = np.array(start), np.array(end)
+        return _paint(self.grid, a, b, self._half, seen, is_square=self._is_square)
 
     @contextmanager
     def supposed(
@@ -203,7 +216,9 @@ def _is_at(numbers: array[int], at: int, number: int) -> bool:
     return at < len(numbers) and numbers[at] == number
 
 
-def _paint(grid: Grid, start: Floats, end: Floats, half: float, *, is_square: bool) -> None:
+def _paint(
+    grid: Grid, start: Floats, end: Floats, half: float, seen: int, *, is_square: bool
+) -> bool:
     """Do what `kernels.paint` does, cells side by side: faster where loops are not compiled."""
     deep = grid.shape[2] > 1
     move = end - start
@@ -227,11 +242,14 @@ def _paint(grid: Grid, start: Floats, end: Floats, half: float, *, is_square: bo
     ex, ey, ez = wx - t * dx, wy - t * dy, wz - t * dz
     distance2 = ex * ex + ey * ey + ez * ez
     reach = half + kernels.TOLERANCE
-    seen = _in_swept_square(wx, wy, dx, dy, reach) if is_square else distance2 <= reach * reach
+    swept = _in_swept_square(wx, wy, dx, dy, reach) if is_square else distance2 <= reach * reach
     trodden = distance2 <= 0.25
+    flags = (swept | trodden).astype(np.uint8) * np.uint8(seen)
+    flags |= trodden.astype(np.uint8) * np.uint8(TRODDEN)
     view = grid[part[0], part[1], part[2]]
-    view |= (seen | trodden).astype(np.uint8) * np.uint8(VISITED)
-    view |= trodden.astype(np.uint8) * np.uint8(TRODDEN)
+    news = ((view & seen != seen) | (view & NEAR_WALL != 0)) & (flags & ~view != 0)
+    view |= flags
+    return bool(news.any())
 
 
 def _in_swept_square(

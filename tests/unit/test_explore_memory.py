@@ -53,14 +53,44 @@ def test_loops_and_arrays_paint_the_same(ends: list[float], d: int, square: bool
     start, end = world.cells(ends[:d]), world.cells(ends[3 : 3 + d])
     one, other = np.zeros_like(world.grid), np.zeros_like(world.grid)
     half, is_square = (2.0, False) if d == 3 else (1.5, square)
-    kernels.paint(one, start, end, half, is_square)
-    memory._paint(other, start, end, half, is_square=is_square)
+    seen = kernels.VISITED
+    assert kernels.paint(one, start, end, half, is_square, seen)
+    assert memory._paint(other, start, end, half, seen, is_square=is_square)
     assert (one == other).all()
     assert (one == world.grid).all()
     beside = end + 2.0
-    kernels.paint(one, end, beside, half, is_square)
-    memory._paint(other, end, beside, half, is_square=is_square)
-    assert (one == other).all()
+    one[one.shape[0] // 2 :] |= kernels.NEAR_WALL
+    other[:] = one
+    for to, mark in ((beside, seen), (end, seen | kernels.OWN), (end, seen | kernels.OWN)):
+        is_new = kernels.paint(one, end, to, half, is_square, mark)
+        assert is_new == memory._paint(other, end, to, half, mark, is_square=is_square)
+        assert (one == other).all()
+    assert not is_new
+
+
+def test_ground_is_news_once_to_all_and_once_to_oneself() -> None:
+    world = flat_map()
+    way = [0.1, 0.1], [1.1, 0.1]
+    assert world.sweep(*way)
+    assert not world.sweep(*way)
+    assert world.sweep(*way, is_own=True)
+    assert not world.sweep(*way, is_own=True)
+    assert not world.sweep(*way)
+    assert world.sweep([1.1, 0.1], [1.3, 0.1])
+
+
+def test_a_way_through_ground_seen_before_is_news_where_a_wall_is_near() -> None:
+    world = flat_map()
+    world.sweep([0.1, 0.1], [1.1, 0.1], is_own=True)
+    beside = [0.1, 0.3], [1.1, 0.3]
+    world.sweep([0.1, 0.5], [1.1, 0.5], is_own=True)
+    assert not world.sweep(*beside, is_own=True)
+    world = flat_map()
+    world.sweep([0.1, 0.1], [1.1, 0.1], is_own=True)
+    world.sweep([0.1, 0.5], [1.1, 0.5], is_own=True)
+    world.wall([0.5, 0.5])
+    assert world.sweep(*beside, is_own=True)
+    assert not world.sweep(*beside, is_own=True)
 
 
 @given(st.lists(PLACE, min_size=3, max_size=3), st.sampled_from([2, 3]), st.integers(0, 2))

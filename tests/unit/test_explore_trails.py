@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.explore.explorer import Explorer
+from swarm_ctl.explore.memory import VISITED
 from swarm_ctl.explore.pieces import (
     LINE,
     PAYLOAD_BYTES,
@@ -76,6 +77,50 @@ def test_pieces_in_any_order_doubled_or_lost_once_give_the_same_map(data: st.Dat
         shaken.hear_chunk(1, payload)
     assert shaken.trails.entries(1) == plain.trails.entries(1) == teller.trails.entries(1)
     assert shaken.memory.grid.tobytes() == plain.memory.grid.tobytes()
+
+
+def test_a_log_ends_with_the_ground_however_long_the_flight() -> None:
+    vehicle = explorer(1)
+    round_trip = [(0.5 * step, 0.0) for step in (*range(13), *range(11, -1, -1))]
+    for place in round_trip:
+        stand(vehicle, place)
+    vehicle.outbox(0)
+    told = vehicle.trails.length(1)
+    known = vehicle.memory.grid.tobytes()
+    for place in round_trip * 5:
+        stand(vehicle, place)
+        vehicle.outbox(0)
+    assert vehicle.trails.length(1) == told
+    assert vehicle.memory.grid.tobytes() == known
+
+
+def test_new_ground_beyond_old_is_told_as_a_trail_of_its_own() -> None:
+    vehicle, reader = explorer(1), explorer(2)
+    out_back_and_aside = [(0.5 * step, 0.0) for step in (*range(13), *range(11, 5, -1))]
+    out_back_and_aside += [(3.0, 0.5 * step) for step in range(1, 9)]
+    for place in out_back_and_aside:
+        stand(vehicle, place)
+    vehicle._logbook.write_out(0.0)
+    kinds = [entry.kind for entry in vehicle.trails.entries(1)]
+    assert kinds.count(START) == 2
+    meet(reader, vehicle, (0.0, 0.0))
+    for payload in everything(vehicle, reader):
+        reader.hear_chunk(1, payload)
+    flown = vehicle.memory.grid & VISITED
+    for index in np.argwhere(flown):
+        assert reader.memory.flags(vehicle.memory.metres(index + 0.5)) & VISITED
+
+
+def test_what_peers_have_flown_is_told_again_by_who_flies_it() -> None:
+    one, other = explorer(1), explorer(2)
+    meet(other, one, (0.0, 0.0))
+    for vehicle in (one, other):
+        for step in range(9):
+            stand(vehicle, (0.5 * step, 0.0))
+        vehicle._logbook.write_out(0.0)
+        for payload in everything(one, other):
+            other.hear_chunk(1, payload)
+    assert other.trails.entries(1) == other.trails.entries(2) == one.trails.entries(1)
 
 
 def test_a_lost_piece_is_sent_again_until_the_summary_tells_that_it_came() -> None:
