@@ -106,8 +106,7 @@ def paint(  # noqa: C901 - calls cost more than branches where this is not compi
                 if distance2 <= 0.25:
                     flags = seen | TRODDEN
                 elif is_square:
-                    if in_swept_square(wx, wy, dx, dy, half + TOLERANCE):
-                        flags = seen
+                    flags = seen * in_swept_square(wx, wy, dx, dy, half + TOLERANCE)
                 elif distance2 <= reach2:
                     flags = seen
                 if flags & before != flags:

@@ -108,7 +108,7 @@ def test_new_ground_beyond_old_is_told_as_a_trail_of_its_own() -> None:
         reader.hear_chunk(1, payload)
     flown = vehicle.memory.grid & VISITED
     for index in np.argwhere(flown):
-        assert reader.memory.flags(vehicle.memory.metres(index + 0.5)) & VISITED
+        assert reader.memory.flags(vehicle.memory.metres((index + 0.5).tolist())) & VISITED
 
 
 def test_what_peers_have_flown_is_told_again_by_who_flies_it() -> None:
