@@ -13,7 +13,7 @@ START, LINE, WALL_X, WALL_Y, WALL_Z = range(5)
 
 PAYLOAD_BYTES = 120
 MOST_ENTRIES = 20_000
-"""Per origin; 20 minutes of the densest trail. More is somebody's mistake."""
+"""Per origin; what is flown over again is not told again. More is somebody's mistake."""
 VERSION = 1
 _PAIRS = [bytes([pair & 15, pair >> 4]) for pair in range(256)]
 """The two kinds that a byte says."""
