@@ -27,12 +27,17 @@ class Budget:
     def spend(self, frames: list[bytes], now: float) -> None:
         """Count frames that are told now."""
         if frames:
+            self._forget(now)
             count = sum(map(len, frames))
             self._spent.append((now, count))
             self._bytes += count
 
     def room(self, now: float) -> int:
         """Give the bytes that may be told besides now."""
+        self._forget(now)
+        return LIMIT_BYTES - HEADERS_BYTES - SPARE_BYTES - self._bytes
+
+    def _forget(self, now: float) -> None:
+        """Drop what was told longer ago, also while nobody asks for room."""
         while self._spent and now - self._spent[0][0] >= _SECOND_S:
             self._bytes -= self._spent.popleft()[1]
-        return LIMIT_BYTES - HEADERS_BYTES - SPARE_BYTES - self._bytes

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.agent.beacon import Beacon, decode, encode, mission_tag
+from swarm_ctl.agent.budget import Budget
 from swarm_ctl.agent.frame import Place, Shift
 from swarm_ctl.agent.peer import (
     AGREE_M,
@@ -465,3 +466,12 @@ def test_no_story_of_fixes_and_beacons_leads_nowhere(
             assert all(map(math.isfinite, (*peer.offset_ned_m, *peer.velocity_ned_m_s)))
             assert 0.0 <= peer.doubt_m <= max(MOST_DOUBT_M, ZONE_M)
         table.met(now), table.contacts(now), table.doubts(own, now)
+
+
+def test_what_was_told_is_remembered_for_a_second_also_while_nobody_asks_for_room() -> None:
+    budget = Budget()
+    for tick in range(100):
+        budget.spend([bytes(50), bytes(10)], tick / 10.0)
+    assert len(budget._spent) == 10
+    assert budget.room(9.9) == Budget().room(9.9) - 600
+    assert budget.room(10.9) == Budget().room(10.9)
