@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from array import array
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -126,7 +126,7 @@ class Vehicle:
         return self.autopilot.flying
 
     @property
-    def setpoint_times(self) -> deque[float]:
+    def setpoint_times(self) -> array[float]:
         """Arrivals of accepted setpoints."""
         return self.autopilot.setpoint_times
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -192,7 +192,7 @@ class Autopilot(Personality):
         self.manoeuvre = self.traits.modes[self.mode].manoeuvre
         self.setpoint = STOP
         self.setpoint_at = -math.inf
-        self.setpoint_times: deque[float] = deque(maxlen=SETPOINTS_KEPT)
+        self.setpoint_times = array("d")
         """Arrivals of accepted setpoints, the latest of them."""
         self.takeoff_height_m = self.traits.takeoff_height_m
         self.hold_at: Vector | None = None
@@ -431,6 +431,7 @@ class Autopilot(Personality):
         self.setpoint = setpoint
         self.setpoint_at = now
         self.setpoint_times.append(now)
+        del self.setpoint_times[:-SETPOINTS_KEPT]
         if self.manoeuvre is Manoeuvre.SETPOINT:
             self.steer(now)
 

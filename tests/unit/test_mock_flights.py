@@ -26,6 +26,7 @@ from mock_client import (
     both,
 )
 
+from mock_vehicle.autopilot import base
 from mock_vehicle.vehicle import Personality
 
 # Whole flights.
@@ -389,9 +390,19 @@ def test_yaw_and_yaw_rate_are_followed(personality: Personality) -> None:
 @both
 def test_setpoint_times_are_arrivals(personality: Personality) -> None:
     client = airborne(personality)
-    client.vehicle.setpoint_times.clear()
+    del client.vehicle.setpoint_times[:]
     client.fly(1.0, vx=0.0)
     assert np.diff(client.vehicle.setpoint_times) == pytest.approx([0.1] * 9)
+
+
+def test_only_the_latest_setpoint_times_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(base, "SETPOINTS_KEPT", 5)
+    client = airborne("px4")
+    client.fly(1.0, vx=0.0)
+    times = client.vehicle.setpoint_times
+    assert len(times) == 5
+    assert times[-1] == pytest.approx(client.now, abs=0.2)
+    assert np.diff(times) == pytest.approx([0.1] * 4)
 
 
 @both
