@@ -159,6 +159,7 @@ async def _serve(
     gc.collect()
     gc.freeze()
     keeper = None if out is None else Keeper(fleet, server, out)
+    fleet.referee.keeps_tracks = keeper is not None
     with show(fleet, server) as report:
 
         def keep() -> None:

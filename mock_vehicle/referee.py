@@ -104,6 +104,8 @@ class Referee:
         self._airborne = np.zeros(n, dtype=bool)
         self._now = 0.0
         self._ticks = 0
+        self.keeps_tracks = True
+        """Whether it remembers what is to be written of every moment, as tracks and the curve."""
         self._curve = Rows(np.float64, 2)
         """Time, and the share that was seen by then."""
         self._track_s = Rows(np.float64)
@@ -172,16 +174,8 @@ class Referee:
         if self._ticks % COVER_EVERY == 0:
             self.coverage.cover(position_ned_m, airborne, now)
         self._ticks += 1
-        if now >= self._next_s["track"]:
-            self._next_s["track"] = now + TRACK_S - 1e-6
-            self._track_s.add(now)
-            self._track_ned_m.add(position_ned_m)
-            self._airborne_then.add(airborne)
-        if now >= self._next_s["curve"]:
-            self._next_s["curve"] = now + CURVE_S - 1e-6
-            self._curve.add((now, self.coverage.fraction))
-            first, second = self._pair_of
-            self._links.add(np.packbits(linked[first, second] & linked[second, first]))
+        if self.keeps_tracks:
+            self._keep(now, linked)
 
     def snapshot(self) -> dict[str, Any]:
         """Say how the run goes, in JSON values."""
@@ -268,6 +262,19 @@ class Referee:
     def separate(self, distances_m: FLOATS) -> None:
         """Note how near any two come of whom both fly, by their distances in m."""
         self.min_separation_m = min(self.min_separation_m, float(distances_m.min(initial=math.inf)))
+
+    def _keep(self, now: float, linked: BOOLS) -> None:
+        """Remember where everybody is, how much was seen, and who hears whom, when it is time."""
+        if now >= self._next_s["track"]:
+            self._next_s["track"] = now + TRACK_S - 1e-6
+            self._track_s.add(now)
+            self._track_ned_m.add(self._position_ned_m)
+            self._airborne_then.add(self._airborne)
+        if now >= self._next_s["curve"]:
+            self._next_s["curve"] = now + CURVE_S - 1e-6
+            self._curve.add((now, self.coverage.fraction))
+            first, second = self._pair_of
+            self._links.add(np.packbits(linked[first, second] & linked[second, first]))
 
     def _find(self, now: float, sightings: tuple[INDICES, ...]) -> None:
         for vehicle, victim in zip(*(column.tolist() for column in sightings), strict=True):

@@ -47,6 +47,7 @@ class Arena:
         self.notes: list[str] = []
         self.fleet = _fleet(mission, faults, world)
         self.fleet.compile()
+        self.fleet.referee.keeps_tracks = folder.is_kept
         self._is_mock_alive = True
         self._given_up_s = math.inf
         """When vehicles of a dead mock are given up."""

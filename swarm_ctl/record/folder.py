@@ -50,6 +50,8 @@ class RunHash:
 class RunFolder:
     """Where one run's mission, journal, logs, paths, truth, pictures and summary lie."""
 
+    is_kept = True
+
     def __init__(
         self,
         path: Path,

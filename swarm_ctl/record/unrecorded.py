@@ -40,6 +40,10 @@ class Record(Protocol):
     """What controllers ask of the record of their run; a run folder is one."""
 
     @property
+    def is_kept(self) -> bool:
+        """Whether there will be something to read once all is over."""
+
+    @property
     def hash(self) -> Frames:
         """What is told of every datagram."""
 
@@ -77,6 +81,7 @@ class Record(Protocol):
 class Unrecorded:
     """Stand in for a run folder, and leave nothing on the disk."""
 
+    is_kept = False
     resumed_s: float | None = None
     birth = 0
 

@@ -64,6 +64,10 @@ def test_of_an_unrecorded_flight_nobody_keeps_what_was_to_be_written_down(tmp_pa
     arena = fly(tmp_path, Unrecorded())
     assert arena.controllers[0].agent.trail.length_m() > 0.0
     assert [controller.agent.trail.fresh for controller in arena.controllers] == [None, None]
+    told = arena.fleet.files()
+    assert len(told["truth.npz"]["track_ned_m"]) == len(told["truth.npz"]["links"]) == 0
+    assert told["truth.json"]["coverage_curve"] == []
+    assert told["truth.json"]["coverage_fraction"] > 0.0
 
 
 def test_facts_are_told_to_who_wants_them_and_no_hash_is_kept_unasked(tmp_path: Path) -> None:
