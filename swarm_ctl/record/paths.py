@@ -10,7 +10,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from swarm_ctl.model import Vec3
+from swarm_ctl.model import ZERO, Vec3
 
 FRAME = "local NED, origin at its own start"
 WAYPOINT_S = 1.0
@@ -33,12 +33,15 @@ class PathRecorder:
         self.sysid = sysid
         self.length_m = 0.0
         """What was flown, straight from each flown waypoint to the next."""
-        self._waypoints: list[dict[str, Any]] = []
-        self._json: list[str] = []
-        """Each waypoint as text: long runs are written often."""
+        self.until_s = -math.inf
+        """Mission time of the last waypoint flown."""
+        self._waypoints: list[dict[str, Any] | str] = []
+        """Those that were written, as text: it takes less, and long runs are written often."""
         self._stale: set[int] = set()
-        """Waypoints that are new, or have changed since they became text."""
+        """The others: they are new, or have changed since."""
         self._last: int | None = None
+        """The last waypoint flown, and where it lies, as rounded."""
+        self._last_m = ZERO
         self._open: list[int] = []
         """Targets not yet visited, and beside each where it lies."""
         self._open_m: list[Vec3] = []
@@ -47,36 +50,28 @@ class PathRecorder:
     def decoded(cls, encoded: Mapping[str, Any]) -> Self:
         """Go on with a path that `encoded` gave, or `paths.json` holds."""
         path = cls(encoded["sysid"])
-        path._waypoints = list(encoded["waypoints"])
-        path._json = [""] * len(path._waypoints)
-        path._stale = set(range(len(path._waypoints)))
-        for index, waypoint in enumerate(path._waypoints):
+        path._waypoints = [json.dumps(waypoint) for waypoint in encoded["waypoints"]]
+        for index, waypoint in enumerate(encoded["waypoints"]):
             if waypoint["kind"] == "flown":
-                before = path._waypoints[index if path._last is None else path._last]
-                path.length_m += math.dist(before["position_m"], waypoint["position_m"])
-                path._last = index
+                place = Vec3(*waypoint["position_m"])
+                path.length_m += 0.0 if path._last is None else math.dist(path._last_m, place)
+                path._arrive(index)
             elif waypoint["status"] == "unexplored":
                 path._open.append(index)
                 path._open_m.append(Vec3(*waypoint["position_m"]))
         return path
-
-    @property
-    def until_s(self) -> float:
-        """Mission time of the last waypoint flown."""
-        return -math.inf if self._last is None else float(self._waypoints[self._last]["time_s"])
 
     def visited(self, time_s: float, position: Vec3, peers: Iterable[int]) -> None:
         """Add where the vehicle is, and the sysids it hears there; once a second is enough."""
         index = self._add(time_s, position, "flown", "visited", peers)
         before = position
         if self._last is not None:
-            n, e, d = self._waypoints[self._last]["position_m"]
-            before = position._replace(x=n, y=e, z=d)
+            before = self._last_m
             self.length_m += math.dist(before, position)
             self._change(self._last, next=index)
         if self._open:
             self._visit(_passing(before, position, self._open_m), index)
-        self._last = index
+        self._arrive(index)
 
     def target(self, time_s: float, position: Vec3) -> None:
         """Add a new local best the planner chose."""
@@ -101,15 +96,15 @@ class PathRecorder:
         return {
             "sysid": self.sysid,
             "frame": FRAME,
-            "waypoints": [dict(waypoint) for waypoint in self._waypoints],
+            "waypoints": [self._waypoint(index) for index in range(len(self._waypoints))],
         }
 
     def text(self) -> str:
         """Give `encoded` as JSON text, a line per waypoint."""
         for index in self._stale:
-            self._json[index] = json.dumps(self._waypoints[index])
+            self._waypoints[index] = json.dumps(self._waypoints[index])
         self._stale.clear()
-        lines = ",\n".join(self._json)
+        lines = ",\n".join(map(str, self._waypoints))
         head = f'"sysid": {self.sysid}, "frame": {json.dumps(FRAME)}'
         return f'{{{head}, "waypoints": [\n{lines}\n]}}'
 
@@ -121,6 +116,7 @@ class PathRecorder:
         status: Literal["visited", "unexplored"],
         peers: Iterable[int],
     ) -> int:
+        self._stale.add(len(self._waypoints))
         self._waypoints.append(
             {
                 "time_s": round(float(time_s), 3),
@@ -131,19 +127,26 @@ class PathRecorder:
                 "kind": kind,
             }
         )
-        index = len(self._json)
-        self._json.append("")
-        self._stale.add(index)
-        return index
+        return len(self._waypoints) - 1
 
     def _visit(self, rows: list[int], index: int) -> None:
         for row in reversed(rows):
             self._change(self._open.pop(row), next=index, status="visited")
             del self._open_m[row]
 
+    def _arrive(self, index: int) -> None:
+        waypoint = self._waypoint(index)
+        self._last, self._last_m = index, Vec3(*waypoint["position_m"])
+        self.until_s = float(waypoint["time_s"])
+
     def _change(self, index: int, **values: object) -> None:
-        self._waypoints[index].update(values)
+        self._waypoints[index] = self._waypoint(index) | values
         self._stale.add(index)
+
+    def _waypoint(self, index: int) -> dict[str, Any]:
+        """Give a waypoint, for nobody to change."""
+        waypoint = self._waypoints[index]
+        return waypoint if isinstance(waypoint, dict) else dict(json.loads(waypoint))
 
 
 def write_paths(path: Path, recorders: Sequence[PathRecorder]) -> Iterator[None]:

@@ -284,6 +284,19 @@ def test_a_change_after_writing_is_written_next_time(tmp_path: Path) -> None:
     path.visited(1.0, Vec3(1.0, 0.0, 0.0), ())
     deque(write_paths(file, [path]))
     assert json.loads(file.read_text()) == {"vehicles": [path.encoded()]}
+    assert [one["next"] for one in path.encoded()["waypoints"]] == [2, 2, None]
+
+
+def test_what_was_written_is_held_as_text_until_it_changes() -> None:
+    path = PathRecorder(1)
+    path.visited(0.0, Vec3(0.0, 0.0, 0.0), ())
+    path.target(0.0, Vec3(1.0, 0.0, 0.0))
+    before = path.text()
+    assert [type(one) for one in path._waypoints] == [str, str]
+    path.visited(1.0, Vec3(0.1, 0.0, 0.0), ())
+    assert [type(one) for one in path._waypoints] == [dict, str, dict]
+    assert path.text() != before
+    assert path.encoded() == json.loads(path.text())
 
 
 def test_a_full_disk_is_told_and_paths_are_written_once_there_is_room(
