@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING
 
@@ -108,7 +107,7 @@ class Link:
     ) -> None:
         self.number = number
         """Its id in signatures."""
-        self.outbox: deque[bytes] = deque(maxlen=OUTBOX_FRAMES)
+        self.outbox: list[bytes] = []
         """Frames that leave next; `queue` adds to them."""
         self.dropped = 0
         """Frames that found the outbox full, each of which took the oldest one's place."""
@@ -149,10 +148,10 @@ class Link:
         """Let a frame leave next, as it is."""
         if len(self.outbox) == OUTBOX_FRAMES:
             self.dropped += 1
+            del self.outbox[0]
         self.outbox.append(frame)
 
     def take(self) -> list[bytes]:
         """Empty the outbox."""
-        frames = list(self.outbox)
-        self.outbox.clear()
+        frames, self.outbox = self.outbox, []
         return frames

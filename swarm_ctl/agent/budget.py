@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 LIMIT_BYTES = 2000
 """In any second, whatever carries it."""
 HEADERS_BYTES = 7 * 71
@@ -21,7 +19,7 @@ class Budget:
     """
 
     def __init__(self) -> None:
-        self._spent: deque[tuple[float, int]] = deque()
+        self._spent: list[tuple[float, int]] = []
         self._bytes = 0
 
     def spend(self, frames: list[bytes], now: float) -> None:
@@ -40,4 +38,4 @@ class Budget:
     def _forget(self, now: float) -> None:
         """Drop what was told longer ago, also while nobody asks for room."""
         while self._spent and now - self._spent[0][0] >= _SECOND_S:
-            self._bytes -= self._spent.popleft()[1]
+            self._bytes -= self._spent.pop(0)[1]

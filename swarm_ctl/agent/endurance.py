@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 
 SETTLE_S = 30.0
 """After take-off the voltage sags and gauges jump: what they say then tells nothing."""
@@ -20,7 +19,7 @@ class Endurance:
 
     def __init__(self) -> None:
         self._flying_s: float | None = None
-        self._samples: deque[tuple[float, float]] = deque()
+        self._samples: list[tuple[float, float]] = []
         self._next_s = -math.inf
         self.way_home_s = 0.0
         """Time that the way home would take, landing included."""
@@ -38,7 +37,7 @@ class Endurance:
         if now - self._flying_s >= SETTLE_S:
             self._samples.append((now, battery))
         while self._samples and now - self._samples[0][0] > WINDOW_S:
-            self._samples.popleft()
+            del self._samples[0]
 
     @property
     def needed(self) -> float:

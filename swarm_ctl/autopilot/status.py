@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -57,9 +56,9 @@ class Status:
         """Whether the estimator trusts its position; None when it does not tell."""
         self.estimate_s = -math.inf
         self.battery_fraction: float | None = None
-        self.texts: deque[Text] = deque(maxlen=MOST_NEWS)
+        self.texts: list[Text] = []
         """What it said since the agent looked last."""
-        self.acks: deque[Ack] = deque(maxlen=MOST_NEWS)
+        self.acks: list[Ack] = []
         self.events = Events()
         self._chunks = Texts()
         self._complaints = Complaints()
@@ -173,6 +172,7 @@ class Status:
         for_us = values.target_system in {0, self.sysid}
         if for_us and values.target_component in {0, COMPANION_COMPONENT}:
             self.acks.append(Ack(values.command, values.result, values.progress))
+            del self.acks[:-MOST_NEWS]
 
     def _text(self, values: Any, now: float) -> None:
         for text in self._chunks.hear(values, now):
@@ -185,4 +185,5 @@ class Status:
 
     def _say(self, text: Text, now: float) -> None:
         self.texts.append(text)
+        del self.texts[:-MOST_NEWS]
         self._complaints.hear(text, now)

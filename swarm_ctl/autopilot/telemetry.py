@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections import deque
 from typing import Any, NamedTuple
 
 from swarm_ctl import wire
@@ -145,8 +144,8 @@ class Telemetry(Status):
         self.jump_s = -math.inf
         self._boot_ms: dict[str, int] = {}
         self._ranges_boot_ms = [0] * 6
-        self.peer_fixes: deque[PeerFix] = deque(maxlen=MOST_NEWS)
-        self.victim_fixes: deque[VictimFix] = deque(maxlen=MOST_NEWS)
+        self.peer_fixes: list[PeerFix] = []
+        self.victim_fixes: list[VictimFix] = []
         self._yaw_offset_rad = yaw_offset_rad
         self._cos, self._sin = math.cos(yaw_offset_rad), math.sin(yaw_offset_rad)
         self._listen(
@@ -276,6 +275,7 @@ class Telemetry(Status):
         offset = body_to_ned(ahead, *self._attitude_at(now - age_s))
         if math.hypot(*offset) <= FARTHEST_PEER_M:  # which NaN is not
             self.peer_fixes.append(PeerFix(values.id, offset, now - age_s))
+            del self.peer_fixes[:-MOST_NEWS]
 
     def _age_s(self, boot_ms: int, now: float) -> float:
         """Give the age of what the radio tells; 0 when its clock is not the autopilot's."""
@@ -299,6 +299,7 @@ class Telemetry(Status):
             own = self.position_ned_m
             position = Vec3(own.x + x, own.y + y, own.z + z)
             self.victim_fixes.append(VictimFix(values.target_num, position))
+            del self.victim_fixes[:-MOST_NEWS]
 
     def _origin(self, values: Any, _now: float) -> None:
         latitude_deg, longitude_deg = values.latitude * 1e-7, values.longitude * 1e-7

@@ -6,7 +6,6 @@ https://mavlink.io/en/services/timesync.html
 from __future__ import annotations
 
 import math
-from collections import deque
 
 PERIOD_S = 0.5
 MOST_WAITING = 8
@@ -18,11 +17,11 @@ class Timesync:
     """Requests on their way, and how long the last ones took to be answered."""
 
     def __init__(self) -> None:
-        self._waiting: deque[int] = deque(maxlen=MOST_WAITING)
+        self._waiting: list[int] = []
         self._next_s = -math.inf
         self._round_trip_s = 0.0
         self._answered_s = -math.inf
-        self._slowest: deque[tuple[float, float]] = deque()
+        self._slowest: list[tuple[float, float]] = []
         """Answers of the last `VALID_S`, each slower than all after it: when, how long, s."""
 
     def request(self, now: float) -> int | None:
@@ -31,6 +30,7 @@ class Timesync:
             return None
         self._next_s = now + PERIOD_S
         self._waiting.append(round(now * 1e9))
+        del self._waiting[:-MOST_WAITING]
         return self._waiting[-1]
 
     def answered(self, stamp: int, now: float) -> None:
@@ -50,5 +50,5 @@ class Timesync:
     def slowest_s(self, now: float) -> float:
         """Give the longest of the fresh ones: a link that is slow now and then is slow."""
         while self._slowest and now - self._slowest[0][0] > VALID_S:
-            self._slowest.popleft()
+            del self._slowest[0]
         return self._slowest[0][1] if self._slowest else 0.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from array import array
 from bisect import bisect_left, insort
-from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -77,7 +76,7 @@ class Contacts:
         """The same, sorted."""
         self._stale: set[int] = set()
         """Logs whose lack may have changed."""
-        self._on_way: deque[tuple[float, int]] = deque()
+        self._on_way: list[tuple[float, int]] = []
         """When which log was sent, until it has to be there."""
 
     def get(self, sysid: int) -> Peer | None:
@@ -118,7 +117,7 @@ class Contacts:
         self._part(now)
         on_way, stale = self._on_way, self._stale
         while on_way and not now - on_way[0][0] < RESEND_S:
-            _, origin = on_way.popleft()
+            _, origin = on_way.pop(0)
             stale.add(origin)
             for peer in self._near.values():
                 if origin in peer.sent and not _is_on_way(peer.sent[origin], now):

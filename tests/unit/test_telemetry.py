@@ -169,6 +169,15 @@ def test_of_what_a_hung_link_lets_go_at_once_the_latest_is_kept(vehicle: Vehicle
     assert fixes[-1].number == 999 % 256
 
 
+def test_of_what_waits_to_be_taken_note_of_the_latest_is_kept(vehicle: Vehicle) -> None:
+    for number in range(MOST_NEWS + 10):
+        vehicle.says(mavlink.MAVLink_statustext_message(6, b"%d" % number))
+        telemetry = vehicle.says(mavlink.MAVLink_command_ack_message(number, 0))
+    kept = range(10, MOST_NEWS + 10)
+    assert [text.words for text in telemetry.texts] == [str(number) for number in kept]
+    assert [ack.command_id for ack in telemetry.acks] == list(kept)
+
+
 def test_numbers_that_are_none_change_nothing(vehicle: Vehicle) -> None:
     nan = math.nan
     vehicle.says(mavlink.MAVLink_local_position_ned_message(0, 1.0, 2.0, -3.0, 0, 0, 0))
