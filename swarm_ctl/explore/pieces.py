@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 from array import array
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
@@ -39,7 +40,7 @@ class Piece(NamedTuple):
     shift_cm: tuple[int, ...]
     """From the origin's frame into the sender's."""
     kinds: bytes
-    numbers_cm: tuple[int, ...]
+    numbers_cm: array[int]
     """The points, one after the other."""
 
     @property
@@ -47,7 +48,7 @@ class Piece(NamedTuple):
         """The length of a log that ends with it."""
         return self.begin + len(self.kinds)
 
-    def beyond(self, known: int) -> tuple[bytes, tuple[int, ...]]:
+    def beyond(self, known: int) -> tuple[bytes, array[int]]:
         """Give kinds and numbers of what is new where the log is known up to a length."""
         skip = known - self.begin
         if skip <= 0:
@@ -93,7 +94,7 @@ def decode(data: bytes, dimensions: int) -> Piece | None:
         at += 2 * dimensions
         count = data[at]
         pairs = data[at + 1 : at + 1 + (count + 1) // 2]
-        numbers = struct.unpack_from(f"<{count * dimensions}h", data, at + 1 + len(pairs))
+        numbers = _read_shorts(data, at + 1 + len(pairs), count * dimensions)
     except (IndexError, ValueError, struct.error):
         return None
     kinds = b"".join([_PAIRS[pair] for pair in pairs])[:count]
@@ -121,6 +122,15 @@ def varint(number: int) -> bytes:
         number >>= 7
     packed.append(number)
     return bytes(packed)
+
+
+def _read_shorts(data: bytes, at: int, count: int) -> array[int]:
+    numbers = array("h", data[at : at + 2 * count])
+    if len(numbers) < count:
+        raise ValueError("cut off")
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    return numbers
 
 
 def _read_varint(data: bytes, at: int) -> tuple[int, int]:

@@ -220,6 +220,7 @@ def test_a_payload_holds_what_was_put_in(origin: int, begin: int, d: int, kinds:
         assert list(map(Entry, told, points(numbers_cm, d))) == new
     assert count == min(len(kinds), count)
     assert count >= min(len(kinds), 15)
+    assert not any(decode(data[:length], d) for length in range(len(data)))
 
 
 @given(st.binary(max_size=130), st.booleans())
