@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -42,9 +43,9 @@ class PathRecorder:
         self._last: int | None = None
         """The last waypoint flown, and where it lies, as rounded."""
         self._last_m = ZERO
-        self._open: list[int] = []
-        """Targets not yet visited, and beside each where it lies."""
-        self._open_m: list[Vec3] = []
+        self._open = array("q")
+        """Targets not yet visited, and where each lies, three numbers each: many never are."""
+        self._open_m = array("d")
 
     @classmethod
     def decoded(cls, encoded: Mapping[str, Any]) -> Self:
@@ -58,7 +59,7 @@ class PathRecorder:
                 path._arrive(index)
             elif waypoint["status"] == "unexplored":
                 path._open.append(index)
-                path._open_m.append(Vec3(*waypoint["position_m"]))
+                path._open_m.extend(waypoint["position_m"])
         return path
 
     def visited(self, time_s: float, position: Vec3, peers: Iterable[int]) -> None:
@@ -76,7 +77,7 @@ class PathRecorder:
     def target(self, time_s: float, position: Vec3) -> None:
         """Add a new local best the planner chose."""
         self._open.append(self._add(time_s, position, "target", "unexplored", ()))
-        self._open_m.append(position)
+        self._open_m.extend(position)
 
     def go_on(self, pages: Iterable[Mapping[str, Any]]) -> None:
         """Add what the pages of a controller's journal tell of the time after the last waypoint."""
@@ -132,7 +133,7 @@ class PathRecorder:
     def _visit(self, rows: list[int], index: int) -> None:
         for row in reversed(rows):
             self._change(self._open.pop(row), next=index, status="visited")
-            del self._open_m[row]
+            del self._open_m[3 * row : 3 * row + 3]
 
     def _arrive(self, index: int) -> None:
         waypoint = self._waypoint(index)
@@ -164,15 +165,18 @@ def write_paths(path: Path, recorders: Sequence[PathRecorder]) -> Iterator[None]
     draft.replace(path)
 
 
-def _passing(start: Vec3, end: Vec3, targets: Sequence[Vec3]) -> list[int]:
+def _passing(start: Vec3, end: Vec3, targets: array[float]) -> list[int]:
     """Give the rows of targets within REACHED_M of the straight line from start to end."""
     reach_m = math.dist(start, end) + REACHED_M + ROUNDED_M
-    near = [row for row, place in enumerate(targets) if math.dist(end, place) <= reach_m]
-    if not near:  # as nearly always
-        return near
+    places = np.frombuffer(targets).reshape(-1, 3)
+    away = places - end
+    (near,) = (np.einsum("kd,kd->k", away, away) <= reach_m**2).nonzero()
+    if not len(near):  # as nearly always
+        return []
     way = np.array(end) - np.array(start)
-    to = np.array([targets[row] for row in near]) - np.array(start)
+    to = places[near] - np.array(start)
     along = np.clip(to @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
     miss = to - along[:, None] * way
     passed = np.einsum("kd,kd->k", miss, miss) <= REACHED_M**2
-    return [row for row, is_passed in zip(near, passed.tolist(), strict=True) if is_passed]
+    rows: list[int] = near[passed].tolist()
+    return rows
