@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from mock_vehicle.radio.air import Received
 
 INDICES = NDArray[np.intp]
-COUNTS = NDArray[np.int64]
+COUNTS = NDArray[np.int32]
+"""Of frames: a link has some a second."""
 FATES = NDArray[np.int8]
 FLOATS = NDArray[np.float64]
 
@@ -56,7 +57,7 @@ class Totals:
     delivered: COUNTS
     duplicates: COUNTS
     """Second copies, not among the delivered."""
-    delivered_bytes: COUNTS
+    delivered_bytes: NDArray[np.int64]
     delay_s: FLOATS
     """Sum of the delays of all delivered."""
     delay_max_s: FLOATS
@@ -64,13 +65,13 @@ class Totals:
     @classmethod
     def blank(cls, n: int) -> Totals:
         """Count nothing yet."""
-        links, frames = (n, n), np.int64
+        links, frames = (n, n), np.int32
         return cls(
             np.zeros(n, frames),
             np.zeros((len(Fate), *links), frames),
             np.zeros(links, frames),
             np.zeros(links, frames),
-            np.zeros(links, frames),
+            np.zeros(links, np.int64),
             np.zeros(links),
             np.zeros(links),
         )
@@ -134,7 +135,7 @@ class Figures:
         senders, sizes, delays_s = np.array(about).T[:, rows]
         n = len(self._sysids)
         link = senders.astype(np.intp) * n + np.concatenate([r.hearers for r, _ in batches])
-        totals.delivered += _sums(link, None, n).astype(np.int64)
+        totals.delivered += _sums(link, None, n)
         totals.delivered_bytes += _sums(link, sizes, n).astype(np.int64)
         totals.delay_s += _sums(link, delays_s, n)
         np.maximum.at(totals.delay_max_s.reshape(-1), link, delays_s)
