@@ -103,7 +103,7 @@ class Rangefinders:
             sensors += self._rng.normal(0.0, self._noise_m, sensors.shape)
         for index, defect in self._defects.items():
             if defect.noise_m > 0.0:
-                sensors[index] += self._rng.normal(0.0, defect.noise_m, sensors.shape[1])
+                sensors[index] += self._rng.normal(0.0, defect.noise_m, sensors.shape[1:])
                 ring.ranges_m[index] += self._rng.normal(0.0, defect.noise_m, RING)
         self._last = Ranges(self._reported(sensors), self._reported(ring.ranges_m))
         for index, defect in self._defects.items():
