@@ -6,13 +6,14 @@ import json
 import logging
 import sys
 import time
+from importlib.machinery import ExtensionFileLoader
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
 
 import swarm_ctl
-from swarm_ctl import event_loop
+from swarm_ctl import event_loop, model
 from swarm_ctl.cli_console import console
 from swarm_ctl.cli_doctor import doctor
 from swarm_ctl.cli_experiment import experiment, tune
@@ -91,7 +92,8 @@ def _complain(sentence: str) -> None:
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"swarm-ctl {swarm_ctl.__version__}")
+        kind = " (compiled)" if isinstance(model.__loader__, ExtensionFileLoader) else ""
+        typer.echo(f"swarm-ctl {swarm_ctl.__version__}{kind}")
         raise typer.Exit
 
 
