@@ -27,6 +27,7 @@ lint: clients  ## format check, lint, types, import contracts
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python hatch_build.py >$(VENV)/mypyc.log || { grep -v warning: $(VENV)/mypyc.log; exit 1; }
 
 format: venv  ## format and fix in place
 	$(BIN)/ruff format .
