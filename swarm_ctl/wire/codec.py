@@ -30,7 +30,8 @@ _HEADS = {V1: "<BBBBBB", V2: "<BBxxBBB3s"}  # magic, length, seq, sysid, compid,
 _TRAILER = Struct("<H").pack  # the CRC
 _COUNTED = slice(-2)
 """A frame without its CRC; to make the slice anew each time takes time."""
-Read = Callable[[bytes, bytes], Any]
+Data = bytes | bytearray | memoryview
+Read = Callable[[Data, Data], Any]
 """Takes a frame up to its CRC, and the whole of it; see `Message.reader`."""
 
 

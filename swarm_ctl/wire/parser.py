@@ -12,7 +12,7 @@ from struct import error as StructError  # noqa: N812 - a class deserves a class
 
 from fastcrc.crc16 import mcrf4xx
 
-from swarm_ctl.wire.codec import V1, V2, Frame, Message, Read, message
+from swarm_ctl.wire.codec import V1, V2, Data, Frame, Message, Read, message
 from swarm_ctl.wire.tables import CRC_EXTRAS
 from swarm_ctl.wire.tally import Tally
 
@@ -40,7 +40,7 @@ class Parser(Tally):
         self._usual: dict[int, Read] = {}
         """By the id's low byte; another message with the same one has another CRC."""
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: Data) -> list[Frame]:
         """Take the next bytes, in any chunks, and give the subscribed frames they complete.
 
         A datagram of one frame without a signature, as autopilots send them, has the shortest way.
@@ -55,7 +55,7 @@ class Parser(Tally):
                     return [] if frame is True else [frame]
         except (StructError, LookupError, TypeError):
             pass  # `_cut` finds out what it is
-        return self._cut(data) if data.__class__ is bytes else self._resume(data)
+        return self._cut(data) if isinstance(data, bytes) else self._resume(data)
 
     def _cut(self, data: bytes) -> list[Frame]:
         """Give the frames of any bytes that begin with one; what is left of the last one waits.
@@ -117,7 +117,7 @@ class Parser(Tally):
             self._usual.setdefault(low, read)
         return read
 
-    def _resume(self, data: bytes) -> list[Frame]:
+    def _resume(self, data: Data) -> list[Frame]:
         """Go on with the incomplete frame of the last time."""
         data = bytes(data)
         rest, self._rest = self._rest, b""
