@@ -50,6 +50,9 @@ class Logbook:
             or _strays(self._since, self._vertex, place_m)
         ):
             self._end_line()
+        if is_new and not self._is_told:
+            self._trails.append(START, self._vertex)
+            self._is_told = True
         self._since.append(place_m)
         self.is_new |= is_new
 
@@ -60,13 +63,10 @@ class Logbook:
 
     def _end_line(self) -> None:
         """Go on from the last place, in the log as well if what leads there is new."""
-        if not self.is_new:
+        if self.is_new:
+            self._append(LINE, self._since[-1])
+        else:
             self._vertex, self._since, self._is_told = self._since[-1], [], False
-            return
-        place_m = self._since[-1]
-        if not self._is_told:
-            self._append(START, self._vertex)
-        self._append(LINE, place_m)
 
     def _append(self, kind: int, point_m: list[float]) -> None:
         self._trails.append(kind, point_m)

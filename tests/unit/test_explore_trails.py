@@ -111,6 +111,21 @@ def test_new_ground_beyond_old_is_told_as_a_trail_of_its_own() -> None:
         assert reader.memory.flags(vehicle.memory.metres((index + 0.5).tolist())) & VISITED
 
 
+@pytest.mark.parametrize("aside", [0, 1, 3])
+def test_who_begins_anew_knows_no_ground_that_nobody_has_flown(aside: int) -> None:
+    before = explorer(1)
+    after = Explorer(PARAMS, speed_m_s=0.2, climb_m_s=0.2, seed=[1, 2], sysid=1)
+    for step in (*range(13), *range(11, 5, -1)):
+        stand(before, (0.5 * step, 0.0))
+    for step in range(1, aside + 1):  # new ground that no line of the log leads to yet
+        stand(before, (3.0, 0.5 * step))
+    after.resume(before.trails.beyond({}), [], before.head_m, 0.0)
+    for index in np.argwhere(after.memory.grid & VISITED):
+        assert before.memory.flags(after.memory.metres((index + 0.5).tolist())) & VISITED
+    seen = [np.count_nonzero(one.memory.grid & VISITED) for one in (before, after)]
+    assert seen[0] == seen[1]
+
+
 def test_what_peers_have_flown_is_told_again_by_who_flies_it() -> None:
     one, other = explorer(1), explorer(2)
     meet(other, one, (0.0, 0.0))
