@@ -40,7 +40,7 @@ class Logbook:
         self._vertex, self._since = vertex_m, [place_m]
         self._is_told = self.is_new = True
 
-    def mark(self, place_m: list[float], *, is_new: bool = True) -> None:
+    def mark(self, place_m: list[float], *, is_new: bool) -> None:
         """Go on to a place; end a line at the last one when the way bends or gets long behind it.
 
         `is_new` tells whether the log tells nothing yet of some ground on the way from there.

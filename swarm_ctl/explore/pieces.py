@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import sys
 from array import array
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
@@ -94,13 +93,13 @@ def decode(data: bytes, dimensions: int) -> Piece | None:
         at += 2 * dimensions
         count = data[at]
         pairs = data[at + 1 : at + 1 + (count + 1) // 2]
-        numbers = _read_shorts(data, at + 1 + len(pairs), count * dimensions)
+        shorts = struct.unpack_from(f"<{count * dimensions}h", data, at + 1 + len(pairs))
     except (IndexError, ValueError, struct.error):
         return None
     kinds = b"".join([_PAIRS[pair] for pair in pairs])[:count]
     if begin > MOST_ENTRIES or (count and max(kinds) > WALL_Z):
         return None
-    return Piece(origin, begin, shift, kinds, numbers)
+    return Piece(origin, begin, shift, kinds, array("h", shorts))
 
 
 def read_summary(summary: bytes) -> list[tuple[int, int]] | None:
@@ -122,15 +121,6 @@ def varint(number: int) -> bytes:
         number >>= 7
     packed.append(number)
     return bytes(packed)
-
-
-def _read_shorts(data: bytes, at: int, count: int) -> array[int]:
-    numbers = array("h", data[at : at + 2 * count])
-    if len(numbers) < count:
-        raise ValueError("cut off")
-    if sys.byteorder == "big":
-        numbers.byteswap()
-    return numbers
 
 
 def _read_varint(data: bytes, at: int) -> tuple[int, int]:

@@ -56,7 +56,7 @@ class PathRecorder:
             if waypoint["kind"] == "flown":
                 place = Vec3(*waypoint["position_m"])
                 path.length_m += 0.0 if path._last is None else math.dist(path._last_m, place)
-                path._arrive(index)
+                path._arrive(index, waypoint)
             elif waypoint["status"] == "unexplored":
                 path._open.append(index)
                 path._open_m.extend(waypoint["position_m"])
@@ -72,7 +72,7 @@ class PathRecorder:
             self._change(self._last, next=index)
         if self._open:
             self._visit(_passing(before, position, self._open_m), index)
-        self._arrive(index)
+        self._arrive(index, self._waypoint(index))
 
     def target(self, time_s: float, position: Vec3) -> None:
         """Add a new local best the planner chose."""
@@ -135,8 +135,7 @@ class PathRecorder:
             self._change(self._open.pop(row), next=index, status="visited")
             del self._open_m[3 * row : 3 * row + 3]
 
-    def _arrive(self, index: int) -> None:
-        waypoint = self._waypoint(index)
+    def _arrive(self, index: int, waypoint: Mapping[str, Any]) -> None:
         self._last, self._last_m = index, Vec3(*waypoint["position_m"])
         self.until_s = float(waypoint["time_s"])
 
