@@ -97,9 +97,7 @@ def run(
         _give_up(error)
     show = show_json if as_json else show_human
     try:
-        server = _serve(
-            fleet, listening, addresses, show, speed=speed, duration_s=duration, out=out
-        )
+        server = serve(fleet, listening, addresses, show, speed=speed, duration_s=duration, out=out)
         event_loop.run(server)
     except (MockVehicleError, OSError) as error:  # a port that is taken, a folder that is not ours
         _give_up(error)
@@ -140,7 +138,7 @@ def take_part(vehicles: int, addresses: Sequence[Address], shard: int | None) ->
     return None
 
 
-async def _serve(
+async def serve(
     fleet: Fleet,
     ports: list[Port],
     shards: Sequence[Address],

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import resource
@@ -17,6 +18,7 @@ from mock_process import PATIENCE_S, Mock
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mock_vehicle.autopilot.parameters import DATA
+from mock_vehicle.cli import serve
 from mock_vehicle.fleet import Fleet
 from mock_vehicle.ports import hint, plan_further_ports, plan_ports, plan_shown_ports
 from mock_vehicle.server import Server
@@ -395,6 +397,25 @@ def test_a_fleet_that_nobody_reads_does_not_grow() -> None:
     server = Server(fleet, ports, speed=100.0)
     asyncio.run(server.run(duration_s=2.0))
     assert not any(fleet.answers(*place) for place in fleet.places)
+
+
+@pytest.mark.parametrize("is_written", [True, False])
+def test_what_nobody_writes_is_not_remembered(tmp_path: Path, is_written: bool) -> None:
+    fleet = Fleet(open_field(), ["px4"], seed=1, rates="lean")
+    serving = serve(
+        fleet,
+        plan_ports(["px4"], host="127.0.0.1", base=0),
+        (),
+        lambda *_: contextlib.nullcontext(lambda: None),
+        speed=20.0,
+        duration_s=4.0,
+        out=tmp_path / "truth" if is_written else None,
+    )
+    asyncio.run(serving)
+    truth = fleet.referee.files()["truth.npz"]
+    kept = [len(truth[name]) for name in ("track_time_s", "coverage_time_s", "links")]
+    assert min(kept) > 1 if is_written else not any(kept)
+    assert (tmp_path / "truth" / "truth.npz").exists() is is_written
 
 
 def test_starting_costs_little(start: Start) -> None:
