@@ -38,6 +38,8 @@ Show = Callable[[Fleet, Server], AbstractContextManager[Callable[[], None]]]
 
 READY_S = 1.0
 """A fast boot."""
+GARBAGE = 10_000
+"""Objects made between two looks for garbage: there is hardly any."""
 
 
 def run(
@@ -156,6 +158,7 @@ async def serve(
         loop.add_signal_handler(number, server.stop)
     gc.collect()
     gc.freeze()
+    gc.set_threshold(GARBAGE)
     keeper = None if out is None else Keeper(fleet, server, out)
     fleet.referee.keeps_tracks = keeper is not None
     with show(fleet, server) as report:

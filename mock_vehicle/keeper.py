@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+from functools import partial
 from pathlib import Path
 
 from mock_vehicle.fleet import Fleet
@@ -32,7 +33,8 @@ class Keeper:
             self._writing.result()
         files = self._fleet.files(so_far=True, pace=self._server.pace())
         loop = asyncio.get_running_loop()
-        self._writing = loop.run_in_executor(None, write_files, self._folder, files)
+        write = partial(write_files, self._folder, files, small=False)
+        self._writing = loop.run_in_executor(None, write)
 
     async def close(self) -> None:
         """Write the whole truth."""

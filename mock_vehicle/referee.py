@@ -323,19 +323,22 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def write_files(folder: Path, files: Files) -> None:
-    """Write files of the truth; a reader never sees half of one."""
+def write_files(folder: Path, files: Files, *, small: bool = True) -> None:
+    """Write files of the truth; a reader never sees half of one.
+
+    To make arrays `small` takes longer than all else, and the longer the longer the flight was.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        data = _archive(content) if name.endswith(".npz") else _json(content)
+        data = _archive(content, small=small) if name.endswith(".npz") else _json(content)
         draft = folder / f".{name}.part"
         draft.write_bytes(data)
         draft.replace(folder / name)
 
 
-def _archive(arrays: dict[str, Any]) -> bytes:
+def _archive(arrays: dict[str, Any], *, small: bool) -> bytes:
     archive = io.BytesIO()
-    np.savez_compressed(archive, **arrays)
+    (np.savez_compressed if small else np.savez)(archive, **arrays)
     return archive.getvalue()
 
 

@@ -9,9 +9,8 @@ import math
 import os
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 from mock_vehicle.border import Border, listen
@@ -26,8 +25,6 @@ COMPLAIN_EVERY_S = 5.0
 GATHER_S = 0.05
 HEARD_S = 10.0
 """A sender that was heard within this time (wall clock) gets telemetry."""
-DRAIN = 64
-"""Datagrams read from one socket before the others have their turn."""
 DATAGRAM_BYTES = 2048
 RECEIVE_BUFFER_BYTES = 256 * 1024
 REPORT_EVERY_S = 1.0
@@ -83,18 +80,15 @@ class _Endpoint:
         except OSError:
             self.unsent += 1
 
-    def drain(self, now: float) -> Iterator[bytes]:
-        """Read what has arrived, up to a bound."""
-        for _ in range(DRAIN):
-            try:
-                data, address = self.socket.recvfrom(DATAGRAM_BYTES)
-            except BlockingIOError:
-                return
-            except OSError:  # an ICMP error of an earlier send
-                continue
-            self.heard[address] = now
-            self.arrived += 1
-            yield data
+    def receive(self, now: float) -> bytes | None:
+        """Read a datagram that has arrived; None when there is none."""
+        try:
+            data, address = self.socket.recvfrom(DATAGRAM_BYTES)
+        except OSError:  # also an ICMP error of an earlier send
+            return None
+        self.heard[address] = now
+        self.arrived += 1
+        return data
 
 
 class Server:
@@ -168,7 +162,7 @@ class Server:
         """Fly until stopped by a closed stdin, `stop` or the end of `duration_s`."""
         loop = asyncio.get_running_loop()
         for endpoint in self.endpoints:
-            loop.add_reader(endpoint.socket, partial(self._receive, endpoint))
+            loop.add_reader(endpoint.socket, self._receive, endpoint, loop)
         if watch_stdin:
             self._watch_stdin(loop)
         try:
@@ -245,11 +239,15 @@ class Server:
             self._complained_s = wall_s
             LOG.warning(words, *values)
 
-    def _receive(self, endpoint: _Endpoint) -> None:
-        """Hand over what has arrived, at the time of its arrival, and send what is answered."""
-        wall_s = asyncio.get_running_loop().time()
-        now = max(self.time_s, self._due_s(wall_s))
-        for data in endpoint.drain(wall_s):
+    def _receive(self, endpoint: _Endpoint, loop: asyncio.AbstractEventLoop) -> None:
+        """Hand over a datagram at the time of its arrival, and send what is answered.
+
+        One at a time: to learn that there is no other costs another call of the kernel.
+        """
+        wall_s = loop.time()
+        data = endpoint.receive(wall_s)
+        if data is not None:
+            now = max(self.time_s, self._due_s(wall_s))
             self._fleet.receive(endpoint.vehicle, data, now, endpoint.link)
             self._answer(endpoint, wall_s)
 

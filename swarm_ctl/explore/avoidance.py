@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -176,6 +176,52 @@ class Avoidance:
             left = chance.uniform(rows[coin], 1)[:, 0] < 0.5
             turn_rad[coin[left]] *= -1.0
         return turn_rad
+
+
+class OneAvoidance:
+    """Does what `Avoidance` does for one vehicle, in plain numbers."""
+
+    def __init__(self, distance_m: float, dimensions: int) -> None:
+        self._distance_m = distance_m
+        self._is_flat = dimensions == 2
+        self._row = 0
+        self.heading_rad = 0.0
+        """Commanded heading, valid where `suspends` says so."""
+
+    @property
+    def is_active(self) -> bool:
+        """Whether a sensor keeps it from flying freely."""
+        return self._row != 0
+
+    @property
+    def suspends(self) -> bool:
+        """Whether Eq. 6 is suspended along the ground."""
+        return TABLE[self._row].turn != "planner"
+
+    @property
+    def vertical(self) -> float | None:
+        """Where to the table sends it: -1 up, 0 level, 1 down; None when it leaves its height."""
+        policy = TABLE[self._row]
+        return None if policy.vertical == "planner" else _DOWN[policy.vertical]
+
+    def update(self, heading_rad: float, ranges_m: Sequence[float], chance: Chance) -> bool:
+        """Read the six sensors at the present heading; whether it came free of a turn."""
+        near_m, did_turn, last = self._distance_m, self.suspends, self._row
+        front, _, left, right, up, down = ranges_m
+        self._row = (front < near_m) << 4 | (left < near_m) << 3 | (right < near_m) << 2
+        if not self._is_flat:
+            self._row |= (up < near_m) << 1 | (down < near_m)
+        if not self.suspends:
+            return did_turn
+        is_same = self._row >> 2 == last >> 2
+        if not (is_same and math.cos(heading_rad - self.heading_rad) < _TURNED):
+            self.heading_rad = heading_rad + self._turn(chance)
+        return False
+
+    def _turn(self, chance: Chance) -> float:
+        turn = TABLE[self._row].turn
+        to_left = turn == "either" and chance.draw(0, 1)[0] < 0.5
+        return -_TURN_RAD[turn] if to_left else _TURN_RAD[turn]
 
 
 class OneStallWatch:

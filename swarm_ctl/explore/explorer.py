@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarm_ctl.explore import kernels
-from swarm_ctl.explore.avoidance import Avoidance, OneStallWatch
+from swarm_ctl.explore.avoidance import OneAvoidance, OneStallWatch
 from swarm_ctl.explore.chance import Chance, Floats, Rows, Seed
 from swarm_ctl.explore.company import Company
 from swarm_ctl.explore.frontier import find_way, find_way_to
@@ -74,7 +74,7 @@ class Explorer:
         self.trails = Trails(sysid, d, birth)
         self._logbook = Logbook(self.trails)
         self.company = Company(params)
-        self._avoidance = Avoidance(1, params.avoid_distance_m, d)
+        self._avoidance = OneAvoidance(params.avoid_distance_m, d)
         window = math.ceil(params.stall_time_s / params.period_s - 1e-9)
         self._stall = OneStallWatch(window, params.stall_distance_m)
         self._swath = Swath(params)
@@ -91,7 +91,6 @@ class Explorer:
         self._travelled_m = 0.0
         self._steps = 0
         self._is_new = False
-        self._is_avoiding = False
         self.written_off: list[WrittenOff] = []
         """Ground that this vehicle could not pass or reach, in the order of its attempts."""
         self.searches = 0
@@ -240,13 +239,13 @@ class Explorer:
         is_stalled = self._account(place_m, heading_rad)
         self._now += self.params.period_s
         has_turned = self._consult(heading_rad, ranges_m)
-        suspended = self._is_avoiding and bool(self._avoidance.suspends[0])
+        suspended = self._avoidance.suspends
         if is_stalled:
             self._mark_stall(place_m)
         if not suspended and (is_stalled or has_turned or self._is_due(place_m)):
             self._decide(place_m)
         self._fly(place_m, peers_m)
-        if self._is_avoiding:
+        if self._avoidance.is_active:
             self._avoid()
         if self._commanded_m > SLOW * self._level_m:
             self._facing_rad = math.atan2(self._motion[1], self._motion[0])
@@ -255,7 +254,7 @@ class Explorer:
         return OnePlan(
             [part / period_s for part in self._motion[: self._d]],
             self._facing_rad,
-            self._is_avoiding,
+            self._avoidance.is_active,
             self._target or place_m,
             is_new,
         )
@@ -321,12 +320,9 @@ class Explorer:
         near_m = self.params.avoid_distance_m
         front, _, _, _, up, down = ranges_m
         is_near = front < near_m or (self._d == 3 and (up < near_m or down < near_m))
-        if not is_near and not self._is_avoiding:
+        if not is_near and not self._avoidance.is_active:
             return False
-        reflex = np.array([self._reflex(ranges_m)])
-        turned = self._avoidance.update(np.array([heading_rad]), reflex, self._chance)
-        self._is_avoiding = bool(self._avoidance.is_active[0])
-        return turned.size > 0
+        return self._avoidance.update(heading_rad, self._reflex(ranges_m), self._chance)
 
     def _reflex(self, ranges_m: Sequence[float]) -> Sequence[float]:
         """Leave to Table I only what the memory cannot explain.
@@ -452,15 +448,15 @@ class Explorer:
 
     def _avoid(self) -> None:
         """Put Table I in the place of Eq. 6 where sensors are triggered."""
-        if self._avoidance.suspends[0]:
-            heading = float(self._avoidance.heading_rad[0])
+        if self._avoidance.suspends:
+            heading = self._avoidance.heading_rad
             level_m = self._level_m * self.params.avoid_speed_fraction
             self._motion[0] = level_m * math.cos(heading)
             self._motion[1] = level_m * math.sin(heading)
             self._commanded_m = level_m
-        rules, down = self._avoidance.vertical
-        if self._d == 3 and rules[0]:
+        down = self._avoidance.vertical
+        if self._d == 3 and down is not None:
             climb_m = self._climb_m * self.params.avoid_climb_fraction
-            self._motion[2] = float(down[0]) * climb_m
-            if self._target is not None and (self._target[2] - self._place[2]) * down[0] < 0.0:
+            self._motion[2] = down * climb_m
+            if self._target is not None and (self._target[2] - self._place[2]) * down < 0.0:
                 self._target[2] = self._place[2]

@@ -192,19 +192,17 @@ class VisitedMap:
             and (not deep or (around <= az < far_z and around <= bz < far_z))
         ):
             return False
-        lowest = np.floor(np.minimum(start, end) - around).astype(int)
-        highest = np.floor(np.maximum(start, end) + around).astype(int) + 1
-        size = np.array(self.grid.shape)
-        margin = np.maximum(size // MARGIN_PARTS, MARGIN_CELLS)
-        before = np.where(lowest < 0, margin - lowest, 0)
-        after = np.where(highest > size, highest - size + margin, 0)
-        if not deep:
-            before[2] = after[2] = 0
-        wanted = size + before + after
-        if not (before.any() or after.any()) or int(wanted.prod()) > MOST_CELLS:
+        before, wanted = [0, 0, 0], [nx, ny, nz]
+        for axis in range(self.dimensions):
+            size, (low, high) = wanted[axis], sorted((start[axis], end[axis]))
+            margin = max(size // MARGIN_PARTS, MARGIN_CELLS)
+            lowest, highest = math.floor(low - around), math.floor(high + around) + 1
+            before[axis] = margin - lowest if lowest < 0 else 0
+            wanted[axis] += before[axis] + (highest - size + margin if highest > size else 0)
+        if wanted == [nx, ny, nz] or math.prod(wanted) > MOST_CELLS:
             return False
-        grid = np.zeros(wanted, dtype=np.uint8)
         x, y, z = before
+        grid = np.zeros(wanted, dtype=np.uint8)
         grid[x : x + nx, y : y + ny, z : z + nz] = self.grid
         self.grid, self.low = grid, self.low - before
         self._corner = self.low.tolist()

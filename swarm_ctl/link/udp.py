@@ -15,7 +15,6 @@ from swarm_ctl.link.url import parse
 DATAGRAM_BYTES = 2048
 """Larger than any datagram a vehicle sends; a small buffer is several times faster to receive."""
 BUFFER_BYTES = 1 << 18
-MOST_PER_WAKE_UP = 64
 ATTEMPTS, ATTEMPT_S = 3, 0.005
 FIRST_LOCAL, LOCAL_PORTS = 10_000, 4_000
 """Where ports are taken to speak from: below those that systems and simulators give."""
@@ -83,18 +82,14 @@ class UdpLink:
             return False
         return True
 
-    def drain(self) -> list[tuple[bytes, Source]]:
-        """Give the datagrams that arrived and who sent each, a bounded number at a time."""
-        arrived = []
-        for _ in range(MOST_PER_WAKE_UP):
-            try:
-                arrived.append(self._socket.recvfrom(DATAGRAM_BYTES))
-            except BlockingIOError:
-                break
-            except OSError:
-                continue  # the port we sent to is closed: told here by the kernel, counted nowhere
-        if arrived and self._is_listening:
-            self._peer = arrived[-1][1]
+    def receive(self) -> tuple[bytes, Source] | None:
+        """Give a datagram that has arrived and who sent it; None when there is none."""
+        try:
+            arrived: tuple[bytes, Source] = self._socket.recvfrom(DATAGRAM_BYTES)
+        except OSError:  # also when the port that we sent to is closed: counted nowhere
+            return None
+        if self._is_listening:
+            self._peer = arrived[1]
         return arrived
 
     def reach(self, to: Source | None = None) -> str:
@@ -113,8 +108,10 @@ class UdpLink:
         self._socket.close()
 
     def _read(self, heard: Heard) -> None:
-        for data, sender in self.drain():
-            heard(data, sender)
+        """Take one datagram: to learn that there is no other costs another call of the kernel."""
+        arrived = self.receive()
+        if arrived is not None:
+            heard(*arrived)
 
 
 def _bind(listener: socket.socket, address: Source) -> None:

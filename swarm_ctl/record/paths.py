@@ -9,8 +9,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import numpy as np
-
 from swarm_ctl.model import ZERO, Vec3
 
 FRAME = "local NED, origin at its own start"
@@ -167,15 +165,20 @@ def write_paths(path: Path, recorders: Sequence[PathRecorder]) -> Iterator[None]
 def _passing(start: Vec3, end: Vec3, targets: array[float]) -> list[int]:
     """Give the rows of targets within REACHED_M of the straight line from start to end."""
     reach_m = math.dist(start, end) + REACHED_M + ROUNDED_M
-    places = np.frombuffer(targets).reshape(-1, 3)
-    away = places - end
-    (near,) = (np.einsum("kd,kd->k", away, away) <= reach_m**2).nonzero()
-    if not len(near):  # as nearly always
-        return []
-    way = np.array(end) - np.array(start)
-    to = places[near] - np.array(start)
-    along = np.clip(to @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
-    miss = to - along[:, None] * way
-    passed = np.einsum("kd,kd->k", miss, miss) <= REACHED_M**2
-    rows: list[int] = near[passed].tolist()
-    return rows
+    (x, y, _), numbers = end, iter(targets)
+    return [
+        row
+        for row, (tx, ty, tz) in enumerate(zip(numbers, numbers, numbers, strict=True))
+        if abs(tx - x) <= reach_m  # as nearly none
+        and abs(ty - y) <= reach_m
+        and _miss_m(start, end, Vec3(tx, ty, tz)) <= REACHED_M
+    ]
+
+
+def _miss_m(start: Vec3, end: Vec3, place: Vec3) -> float:
+    """Measure how far a place is from the straight line from start to end, m."""
+    way = [b - a for a, b in zip(start, end, strict=True)]
+    to = [b - a for a, b in zip(start, place, strict=True)]
+    length2 = max(sum(part * part for part in way), 1e-12)
+    along = sum(a * b for a, b in zip(to, way, strict=True)) / length2
+    return math.dist(to, [min(max(along, 0.0), 1.0) * part for part in way])

@@ -7,6 +7,7 @@ from swarm_ctl.explore.avoidance import (
     RANGE_ORDER,
     TABLE,
     Avoidance,
+    OneAvoidance,
     OneStallWatch,
     StallWatch,
     table_row,
@@ -178,3 +179,30 @@ def test_one_vehicle_stalls_when_it_would_among_many() -> None:
     among = [many.update(np.array([moved_m]), np.array([sent_m])).size for moved_m, sent_m in paths]
     assert told == [size > 0 for size in among]
     assert 10 < sum(told) < 90
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_one_vehicle_turns_when_and_where_it_would_among_many(dimensions: int) -> None:
+    chance = np.random.default_rng(0)
+    one, many = OneAvoidance(0.9, dimensions), Avoidance(1, 0.9, dimensions)
+    dealt, among = Chance([7]), Chance([7])
+    rows, came_free = set(), 0
+    near = np.zeros(6)
+    heading_rad = 0.0
+    for _ in range(4000):
+        near = np.where(chance.uniform(size=6) < 0.1, chance.uniform(size=6) < 0.4, near)
+        if chance.uniform() < 0.5:  # it turns as it was told, or does not
+            heading_rad = one.heading_rad if chance.uniform() < 0.5 else chance.uniform(-4.0, 4.0)
+        ranges_m = np.where(near, 0.5, chance.choice([2.0, np.inf, np.nan], 6))
+        is_free = one.update(heading_rad, ranges_m.tolist(), dealt)
+        free = many.update(np.array([heading_rad]), ranges_m[None], among)
+        assert is_free == (free.size > 0)
+        assert (one.is_active, one.suspends) == (many.is_active[0], many.suspends[0])
+        assert not one.suspends or one.heading_rad == many.heading_rad[0]
+        rules, down = many.vertical
+        assert one.vertical == (down[0] if rules[0] else None)
+        rows.add(int(many._row[0]))
+        came_free += is_free
+    assert len(rows) == (32 if dimensions == 3 else 8)
+    assert came_free > 50
+    assert dealt.draw(0, 1) == among.draw(0, 1)
