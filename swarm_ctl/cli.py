@@ -44,7 +44,7 @@ from swarm_ctl.cli_options import (
 )
 from swarm_ctl.cli_order import order
 from swarm_ctl.cli_record import export, report
-from swarm_ctl.cli_shards import ShardNumber, ShardOption, fly_shards, is_number
+from swarm_ctl.cli_shards import ShardNumber, ShardOption, fly_shards, is_number, join
 from swarm_ctl.cli_soak import soak
 from swarm_ctl.errors import MockError, SwarmError, plain
 from swarm_ctl.flight import Faults, Shard, discard, finish
@@ -181,7 +181,13 @@ def run(
     mode: Literal["udp", "virtual"] = "virtual" if virtual else "udp"
     is_ours = out is None or not out.exists()
     folder = RunFolder.create(
-        out, chosen.name, chosen.dump(), seed=chosen.seed, mode=mode, faults=fault or ()
+        out,
+        chosen.name,
+        chosen.dump(),
+        seed=chosen.seed,
+        mode=mode,
+        faults=fault or (),
+        shard=part and part.told(),
     )
     console = PipeConsole(highlight=False)
     began = time.monotonic()
@@ -260,6 +266,7 @@ app.command()(order)
 app.command()(console)
 app.command()(report)
 app.command()(export)
+app.command()(join)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""`run --shards`: one world, flown by several processes of this computer, told of as one."""
+"""`run --shards`: one world, flown by several processes here; `join` adds up their records."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from swarm_ctl.cli_options import EXIT_CODES, PipeConsole
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mission import Mission
 from swarm_ctl.record.folder import make_folder
-from swarm_ctl.record.shards import join_shards
+from swarm_ctl.record.shards import join_records, join_shards
 from swarm_ctl.record.summary import report_lines
 from swarm_ctl.run.shards import Shards, free_addresses
 
@@ -81,6 +81,24 @@ def fly_shards(context: typer.Context, mission: Mission, shards: int, out: Path 
     summary = join_shards(folder, mission.name, parts)
     console.print(report_lines(summary, folder))
     return EXIT_CODES[summary["outcome"]]
+
+
+def join(
+    folder: Annotated[
+        Path,
+        typer.Argument(help="Where the run folders of all shards lie, under any names."),
+    ],
+) -> None:
+    """Join the records of shards into one: of several hosts, or of a killed run.
+
+    Copy the run folder of each shard into one folder first. It becomes a run
+    folder itself, as that of run --shards N: summary, pictures, report. The
+    shards' own folders stay as they are.
+    """
+    console = PipeConsole(highlight=False)
+    with console.status("joining the records"):
+        summary = join_records(folder)
+    console.print(report_lines(summary, folder))
 
 
 def _typed(context: typer.Context) -> Iterator[str]:

@@ -84,6 +84,10 @@ class Shard(NamedTuple):
     is_grouped: bool = False
     """Whether there are other networks."""
 
+    def told(self) -> dict[str, int]:
+        """Tell which one it is, for its record: `join_records` reads it."""
+        return {"number": self.number, "of": self.addresses.count(",") + 1, "group": self.group}
+
 
 def orders_of(mission: Mission, group: int = 1) -> Orders:
     """Give what every vehicle of a mission, or of one group of it, is told before take-off."""

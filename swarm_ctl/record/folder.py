@@ -89,12 +89,14 @@ class RunFolder:
         utc: datetime | None = None,
         journaled: Iterable[int] = (),
         faults: Sequence[str] = (),
+        shard: Mapping[str, int] | None = None,
     ) -> Self:
         """Make `out`, or `runs/<name>-<utc>/`, and write how to repeat the run at once.
 
         `resolved` is the mission with every value, ready for JSON, `faults` what is broken on
-        purpose, as the command line has it. A log of real time is stamped
-        in UTC; virtual time counts from a fixed date, so that two runs are equal byte for byte.
+        purpose, as the command line has it, `shard` which part of a world this is. A log of real
+        time is stamped in UTC; virtual time counts from a fixed date, so that two runs are equal
+        byte for byte.
         With journals of the sysids that are `journaled` it can be taken up by `reopen`.
         Raises SwarmError when the folder holds something already or cannot be made.
         """
@@ -110,6 +112,8 @@ class RunFolder:
             "versions": _versions(),
             "started_utc": utc.isoformat(),
         }
+        if shard:
+            started["shard"] = dict(shard)
         text = json.dumps(started, indent=2)
         (path / "mission.json").write_text(text + "\n", encoding="utf-8")
         (path / "tlogs").mkdir()

@@ -201,7 +201,7 @@ class Run:
     def tlog(self, sysid: int) -> Path:
         """Name a vehicle's telemetry log; of one that a shard flew, in the shard's folder."""
         log = Path("tlogs", f"vehicle-{sysid:03d}.tlog")
-        return next(self.path.glob(f"shard*/{log}"), self.path / log)
+        return next(self.path.glob(f"*/{log}"), self.path / log)
 
     def in_launch_frame(self, sysid: int, own_ned_m: Vec3) -> Vec3 | None:
         """Move a place of a vehicle's own frame into the launch frame; None: nobody knows how."""

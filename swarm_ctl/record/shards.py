@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.record.contacts import CONTACT_FIGURES
 from swarm_ctl.record.plots import draw_pictures
-from swarm_ctl.record.reader import Run
+from swarm_ctl.record.reader import Run, telling_what_is_damaged
 from swarm_ctl.record.report import REPORT, try_report
 from swarm_ctl.record.spread import SPREAD_FIGURES
 from swarm_ctl.record.summary import write_summary
@@ -90,6 +90,44 @@ def join_shards(folder: Path, name: str, shards: Sequence[Path]) -> dict[str, An
     return summary
 
 
+def join_records(folder: Path) -> dict[str, Any]:
+    """Join the run folders of shards that lie in a folder; give its summary.
+
+    Raises SwarmError when there are none, or when they do not belong together.
+    """
+    found: dict[int, tuple[Path, dict[str, Any]]] = {}
+    for path in sorted(folder.glob("*/mission.json")):
+        try:
+            started = json.loads(path.read_text(encoding="utf-8"))
+            number = int(started["shard"]["number"])
+        except (OSError, ValueError, LookupError, TypeError):
+            continue
+        if number in found:
+            before = found[number][0].name
+            raise SwarmError(f"{path.parent}: is shard {number}, and so is {before}")
+        found[number] = path.parent, started
+    if not found:
+        raise SwarmError(
+            f"{folder}: has no folder with the record of a shard; copy those of all shards into it"
+        )
+    with telling_what_is_damaged(folder):
+        (first, of), *others = found.values()
+        for path, started in others:
+            if _world_of(started) != _world_of(of):
+                raise SwarmError(f"{path}: is of another mission than {first.name}")
+        name = str(of["mission"]["name"]).removesuffix(f"-group{of['shard']['group']}")
+        paths = {number: path for number, (path, _) in found.items()}
+        numbers = range(1, of["shard"]["of"] + 1)
+        shards = [paths.get(number, folder / f"shard{number}") for number in numbers]
+        return join_shards(folder, name, shards)
+
+
+def _world_of(started: Mapping[str, Any]) -> dict[str, Any]:
+    """Give what is the same for all shards of a world."""
+    mission = {key: value for key, value in started["mission"].items() if key != "name"}
+    return {"mission": mission, "seed": started["seed"], "shards": started["shard"]["of"]}
+
+
 def _tell_of_each(
     folder: Path,
     shards: Sequence[Path],
@@ -108,6 +146,7 @@ def _tell_of_each(
         return [f"no {REPORT}: vehicles of several groups share sysids; each shard has its own"]
     summary["per_vehicle"] = [vehicle for one in summaries for vehicle in one["per_vehicle"]]
     started = {**runs[0].started, "shards": len(shards)}
+    started.pop("shard", None)
     (folder / "mission.json").write_text(json.dumps(started, indent=2) + "\n", encoding="utf-8")
     entries = [entry for run in runs for entry in run.entries if "sysid" in entry or run is runs[0]]
     entries.sort(key=lambda entry: entry.get("time_s", -math.inf))

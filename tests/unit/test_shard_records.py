@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 from halls import write_hall
+from typer.testing import CliRunner
 
-from swarm_ctl.errors import MockError
+from swarm_ctl.cli import app
+from swarm_ctl.errors import MockError, SwarmError
 from swarm_ctl.experiment.check import check_shards, take_shard
 from swarm_ctl.flight import Faults, Shard, controllers_for
 from swarm_ctl.mission import Mission, load_mission
 from swarm_ctl.record.reader import Run
 from swarm_ctl.record.report import write_report
-from swarm_ctl.record.shards import join_shards
+from swarm_ctl.record.shards import join_records, join_shards
 from swarm_ctl.record.summary import report_lines
 from swarm_ctl.record.unrecorded import Unrecorded
 
@@ -138,9 +141,10 @@ def shard(
     return path
 
 
-def tell(path: Path, mission: Mission, sysid: int, done_s: float) -> Path:
+def tell(path: Path, mission: Mission, sysid: int, done_s: float, **shard: int) -> Path:
     """Let a shard have written of its one vehicle what every run does."""
     started = {"mission": mission.dump(), "seed": 1, "mode": "udp", "faults": [], "versions": {}}
+    started["shard"] = {"number": sysid, "of": 2, "group": 1} | shard
     started["started_utc"] = "2026-11-23T08:20:41+00:00"
     (path / "mission.json").write_text(json.dumps(started))
     phase = {"before": "landing", "after": "done", "reason": ""}
@@ -181,6 +185,79 @@ def test_the_folder_above_shards_is_a_run_folder_with_a_report(
     written = page.encode()
     (tmp_path / "report.html").unlink()
     assert write_report(tmp_path).read_bytes() == written, "as `swarm-ctl report` writes it"
+
+
+def two_hosts(folder: Path, mission: Mission, **told: int) -> tuple[Path, Path]:
+    """Write the records of two shards as they come from two hosts, under names of their own."""
+    seen: dict[str, Any] = {"seen_s": [1.0, NAN, NAN, NAN], "times_s": [0.0, 2.0]}
+    first = tell(shard(folder, 1, **seen), mission, 1, 9.0, **told)
+    other = tell(shard(folder, 2, **seen), mission, 2, 7.0)
+    return first.rename(folder / "zulu"), other.rename(folder / "alpha")
+
+
+def test_records_of_several_hosts_are_joined_in_the_order_of_their_shards(
+    tmp_path: Path, mission: Callable[[int], Mission]
+) -> None:
+    _, other = two_hosts(tmp_path, mission(1))
+    for _ in range(2):  # a second time over what the first has written
+        typed = CliRunner().invoke(app, ["join", str(tmp_path)])
+        assert typed.exit_code == 0
+        assert f"{tmp_path}" in typed.output.replace("\n", "")
+        summary = json.loads((tmp_path / "summary.json").read_text())
+        assert [one["folder"] for one in summary["shards"]] == ["zulu", "alpha"]
+        assert (summary["mission"], summary["outcome"], summary["vehicles"]) == ("hall", "flown", 2)
+        run = Run.read(tmp_path)
+        assert run.sysids == [1, 2]
+        assert run.tlog(2) == other / "tlogs" / "vehicle-002.tlog"
+        assert (run.started["shards"], "shard" in run.started) == (2, False)
+
+
+def test_a_shard_whose_host_is_lost_is_missed(
+    tmp_path: Path, mission: Callable[[int], Mission]
+) -> None:
+    first, _ = two_hosts(tmp_path, mission(1))
+    shutil.rmtree(first)
+    summary = join_records(tmp_path)
+    assert summary["outcome"] == "failed"
+    assert "shard 1 left no summary" in summary["notes"]
+
+
+def test_groups_are_joined_under_the_name_of_the_whole(
+    tmp_path: Path, mission: Callable[[int], Mission]
+) -> None:
+    seen: dict[str, Any] = {"seen_s": [1.0, NAN, NAN, NAN], "times_s": [0.0, 2.0]}
+    for number in (1, 2):
+        named = mission(1).model_copy(update={"name": f"hall-group{number}"})
+        tell(shard(tmp_path, number, **seen), named, 1, 9.0, number=number, group=number)
+    assert join_records(tmp_path)["mission"] == "hall"
+
+
+@pytest.mark.parametrize(
+    ("told", "sentence"),
+    [
+        ({"of": 3}, r"zulu: is of another mission than alpha"),
+        ({"number": 2}, r"zulu: is shard 2, and so is alpha"),
+    ],
+)
+def test_records_that_do_not_belong_together_are_one_sentence(
+    tmp_path: Path, mission: Callable[[int], Mission], told: dict[str, int], sentence: str
+) -> None:
+    two_hosts(tmp_path, mission(1), **told)
+    with pytest.raises(SwarmError, match=sentence):
+        join_records(tmp_path)
+    assert not (tmp_path / "summary.json").exists()
+
+
+def test_a_folder_without_shards_is_one_sentence(
+    tmp_path: Path, mission: Callable[[int], Mission]
+) -> None:
+    with pytest.raises(SwarmError, match="has no folder with the record of a shard; copy those"):
+        join_records(tmp_path)
+    first, other = two_hosts(tmp_path, mission(1))
+    (first / "mission.json").write_text("{")  # cut short
+    (other / "mission.json").write_text('{"shard": {"number": 2}}')
+    with pytest.raises(SwarmError, match="its record is damaged or of another version"):
+        join_records(tmp_path)
 
 
 def test_groups_share_sysids_and_have_no_report_together(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import time
 from collections.abc import Callable
@@ -11,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from session import PATIENCE_S, Session
+
+from swarm_ctl.record.shards import join_records
 
 pytestmark = pytest.mark.wire
 
@@ -39,7 +42,14 @@ def radio(session: Session, shard: int) -> set[tuple[int, int]]:
     return {(one["from"], one["to"]) for one in json.loads(file.read_text())["links"]}
 
 
-def test_two_shards_fly_one_world_and_leave_one_record(hall: Hall, swarm_ctl_run: Type) -> None:
+def only_shards(folder: str, names: list[str]) -> list[str]:
+    """Leave out what the one who started shards has written above them."""
+    return [name for name in names if (Path(folder) / "shard1").exists() and "shard" not in name]
+
+
+def test_two_shards_fly_one_world_and_leave_one_record(
+    hall: Hall, swarm_ctl_run: Type, tmp_path: Path
+) -> None:
     session = swarm_ctl_run(hall(world=NEAR, vehicles=2), "--shards", 2, "--speed", 3)
     session.process.wait(timeout=90.0)
     code, out, complaints = session.end()
@@ -72,9 +82,17 @@ def test_two_shards_fly_one_world_and_leave_one_record(hall: Hall, swarm_ctl_run
     assert not [note for note in summary["notes"] if "complaint" in note], (
         "all ended as they should"
     )
-    assert {"paths.png", "coverage.png", "coverage_map.png", "report.html"} <= {
-        entry.name for entry in session.out.iterdir()
+    left = {entry.name for entry in session.out.iterdir()}
+    assert {"paths.png", "coverage.png", "coverage_map.png", "report.html"} <= left
+    copied = shutil.copytree(session.out, tmp_path / "copied", ignore=only_shards)
+    (copied / "shard1").rename(copied / "host")
+    assert join_records(copied) == summary | {
+        "shards": [
+            one | {"folder": folder}
+            for one, folder in zip(summary["shards"], ("host", "shard2"), strict=True)
+        ]
     }
+    assert {entry.name for entry in copied.iterdir()} == left - {"shard1"} | {"host"}
 
 
 def test_ctrl_c_lands_the_vehicles_of_all_shards(hall: Hall, swarm_ctl_run: Type) -> None:
