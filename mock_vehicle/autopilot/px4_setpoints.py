@@ -10,6 +10,8 @@ from mock_vehicle.autopilot.manoeuvres import NAN, NOWHERE, STOP, Setpoint, Vect
 FRAME_LOCAL_NED, FRAME_BODY_NED = 1, 8
 ALL_AXES = 7
 FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 0x200, 0x400, 0x800
+VELOCITY_AND_YAW = YAW_RATE_BIT | ALL_AXES << 6 | ALL_AXES
+"""The mask that takes nothing else."""
 
 
 def read(values: Any, yaw_rad: float) -> Setpoint | str:
@@ -18,6 +20,9 @@ def read(values: Any, yaw_rad: float) -> Setpoint | str:
     One with half a plane or without a vertical axis stops.
     """
     _, _, _, frame, mask, x, y, z, vx, vy, vz, ax, ay, az, heading_rad, turn_rad_s = values
+    is_usual = frame == FRAME_LOCAL_NED and mask == VELOCITY_AND_YAW
+    if is_usual and math.isfinite(vx + vy + vz + heading_rad):  # understood at once
+        return Setpoint(NOWHERE, (vx, vy, vz), NOWHERE, heading_rad, NAN)
     if frame not in {FRAME_LOCAL_NED, FRAME_BODY_NED}:
         return f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported\t"
     position = _group((x, y, z), mask & ALL_AXES)

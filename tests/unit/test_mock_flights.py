@@ -26,8 +26,10 @@ from mock_client import (
     both,
 )
 
-from mock_vehicle.autopilot import base
+from mock_vehicle.autopilot import base, px4_setpoints
+from mock_vehicle.autopilot.manoeuvres import STOP
 from mock_vehicle.vehicle import Personality
+from swarm_ctl import wire
 
 # Whole flights.
 
@@ -411,3 +413,19 @@ def test_landing_by_a_setpoint_is_noticed(personality: Personality) -> None:
     took_s = client.fly_until(lambda: not client.vehicle.armed, vz=0.5)
     assert client.height_m == 0.0
     assert took_s < (12.0 if personality == "px4" else 20.0)
+
+
+@pytest.mark.parametrize("broken", [None, "vx", "yaw"])
+def test_the_usual_setpoint_is_understood_as_any_other(
+    monkeypatch: pytest.MonkeyPatch, broken: str | None
+) -> None:
+    message = wire.message("SET_POSITION_TARGET_LOCAL_NED")
+    axes = dict.fromkeys(("x", "y", "z", "afx", "afy", "afz", "yaw_rate"), 0.0)
+    given = axes | {"vx": 1.0, "vy": -2.0, "vz": 0.5, "yaw": 0.25}
+    given |= {broken: math.inf} if broken else {}
+    about = {"time_boot_ms": 1, "target_system": 1, "target_component": 1, "coordinate_frame": 1}
+    values = message.values(**about, **given, type_mask=px4_setpoints.VELOCITY_AND_YAW)
+    short = px4_setpoints.read(values, 0.0)
+    monkeypatch.setattr(px4_setpoints, "VELOCITY_AND_YAW", -1)
+    assert repr(short) == repr(px4_setpoints.read(values, 0.0))  # NaN is not equal to NaN
+    assert (short is STOP) == (broken == "vx")
