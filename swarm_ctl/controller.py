@@ -174,7 +174,8 @@ class Flight:
     Deadlines are absolute, so ticks do not drift; a tick that was missed is left out, so a
     process that stalled does not send a burst of stale setpoints. `offset_s` spreads vehicles.
     What arrives waits for the tick, with the time of its arrival: decisions are made there, and
-    were each datagram read at once, who serves many would keep other vehicles' ticks waiting.
+    were each datagram read at once, who serves many would keep other vehicles' ticks waiting. What
+    was decided waits for `send`: who hears many is woken once for those who tick together.
     Each tick, and when all is over, `tell` is told of the agent and how its vehicle is reached.
     """
 
@@ -193,6 +194,7 @@ class Flight:
         """Mission time of the next tick."""
         self._link, self._clock, self._tell = link, clock, tell
         self._waiting: deque[tuple[bytes, Source, float]] = deque(maxlen=WAITING_MAX)
+        self._decided: bytes | None = None
 
     @property
     def is_over(self) -> bool:
@@ -204,13 +206,24 @@ class Flight:
         self._link.watch(self._hear)
 
     def tick(self) -> None:
-        """Read what has arrived, decide and send; when it raises, the vehicle stands still."""
+        """Read what has arrived and decide; when it raises, the vehicle stands still."""
         try:
-            self._tick()
+            self._decided = self._decide()
         except Exception:
             last_word = self.controller.agent.standstill()  # it would fly on for a while
             self._link.send(last_word)
             raise
+
+    def send(self) -> None:
+        """Send what the last tick has decided, and tell of it; nothing without one."""
+        data, self._decided = self._decided, None
+        if data is None:
+            return
+        controller = self.controller
+        if data and not self._link.send(data):
+            controller.unsent += controller.agent.parser.stats.frames > 0
+        if self._tell is not None:
+            self._tell(controller.agent, self._link.reach())
 
     def close(self) -> None:
         """Hear and send nothing any more."""
@@ -223,7 +236,7 @@ class Flight:
         self.controller.unheard += len(waiting) == WAITING_MAX
         waiting.append((data, source, self._clock.now()))
 
-    def _tick(self) -> None:
+    def _decide(self) -> bytes:
         controller, waiting, now = self.controller, self._waiting, self._clock.now()
         left_out = controller.keep_time(now - self.due_s)
         while waiting:
@@ -231,11 +244,8 @@ class Flight:
             take = controller.overhear if source == MESH else controller.receive
             take(data, arrived_s)
         data = controller.tick(now)
-        if data and not self._link.send(data):
-            controller.unsent += controller.agent.parser.stats.frames > 0
-        if self._tell is not None:
-            self._tell(controller.agent, self._link.reach())
         self.due_s += TICK_S * (1 + left_out)
+        return data
 
 
 async def fly(
@@ -253,3 +263,4 @@ async def fly(
         while not flight.is_over:
             await clock.sleep_until(flight.due_s)
             flight.tick()
+            flight.send()

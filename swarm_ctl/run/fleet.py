@@ -136,18 +136,20 @@ class Fleet:
             while due:
                 await self.clock.sleep_until(due[0][0])
                 until_s = max(due[0][0], self.now + SOON_S)
-                for _ in range(MOST_TURNS):
-                    if not due or due[0][0] > until_s:
-                        break
+                turns: list[Flight] = []
+                while due and due[0][0] <= until_s and len(turns) < MOST_TURNS:
                     number = due[0][1]
-                    flight = flights[number]
+                    turns.append(flight := flights[number])
                     if not flight.is_over:
                         self._contain(flight, flight.tick)
                     if flight.is_over:
-                        self._contain(flight, flight.close)
                         heapq.heappop(due)
                     else:
                         heapq.heapreplace(due, (flight.due_s, number))
+                for flight in turns:
+                    self._contain(flight, flight.send)
+                    if flight.is_over:
+                        self._contain(flight, flight.close)
         finally:
             for _, number in due:
                 self._contain(flights[number], flights[number].close)

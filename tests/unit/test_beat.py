@@ -108,6 +108,25 @@ def test_who_is_due_soon_has_a_turn_with_who_is_due_now(monkeypatch: pytest.Monk
     assert not any(wire.is_open for wire in crowd.wires)
 
 
+def test_what_was_decided_together_is_sent_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    crowd = Crowd(100, monkeypatch)
+    order: list[str] = []
+    monkeypatch.setattr(crowd, "count", lambda _: order.append("decided"))
+
+    def send(_: Wire, data: bytes) -> bool:
+        order.append("sent")
+        return bool(data)
+
+    monkeypatch.setattr(Wire, "send", send)
+    crowd.run()
+    runs = [(word, len(list(words))) for word, words in itertools.groupby(order)]
+    assert [size for word, size in runs if word == "decided"] == [
+        size for word, size in runs if word == "sent"
+    ]
+    assert len(runs) < 0.6 * len(order)
+    assert all(size <= fleet.MOST_TURNS for _, size in runs)
+
+
 def test_after_a_hold_up_who_has_waited_longest_is_first_and_others_are_heard_in_between(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
