@@ -10,7 +10,7 @@ import numpy as np
 from swarm_ctl.explore import kernels
 from swarm_ctl.explore.chance import Seed
 from swarm_ctl.explore.explorer import Explorer
-from swarm_ctl.explore.frontier import NOBODY, find_way
+from swarm_ctl.explore.frontier import Others, find_way
 from swarm_ctl.explore.planner import OnePlan, PlannerParams, Planning, plan_with
 
 AskOne = Callable[[list[float], float, Sequence[float], Sequence[Sequence[float]]], OnePlan]
@@ -88,5 +88,5 @@ def warm_up(params: PlannerParams) -> None:
         explorer.observe_hits(wall)
         explorer.decide()
     explorer.way_to([0.9] * d, [0.0] * d)
-    find_way(explorer.memory, [0.9] * d, NOBODY, 1)
+    find_way(explorer.memory, [0.9] * d, Others((), ([0.0] * d,), 1.0), 1)
     kernels.unknown_within(explorer.memory.grid, 0, 0, 0, 1)

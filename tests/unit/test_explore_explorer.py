@@ -1,4 +1,7 @@
 import math
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +12,7 @@ from hypothesis import strategies as st
 from swarm_ctl.explore import kernels
 from swarm_ctl.explore.chance import Floats
 from swarm_ctl.explore.explorer import Explorer
-from swarm_ctl.explore.one import make_planner, warm_up
+from swarm_ctl.explore.one import make_planner
 from swarm_ctl.explore.planner import Plan, Planner, PlannerParams
 
 SIDE_M = 8.0
@@ -251,17 +254,31 @@ def test_a_contact_that_makes_no_sense_is_none(value: float) -> None:
     assert explorer.outbox(5) == []
 
 
+FLOWN_WARM = """
+import sys
+from pathlib import Path
+from swarm_ctl.experiment.arena import Arena
+from swarm_ctl.explore import kernels
+from swarm_ctl.mission import load_mission
+from swarm_ctl.record.unrecorded import Unrecorded
+
+loops = [loop for loop in vars(kernels).values() if hasattr(loop, "signatures")]
+arena = Arena(load_mission(Path(sys.argv[1]), vehicles=4, planner="explore"), Unrecorded())
+before = [len(loop.signatures) for loop in loops]
+arena.fly(until_s=60.0)
+after = [len(loop.signatures) for loop in loops]
+print([loop.__name__ for loop, old, new in zip(loops, before, after) if old != new], sum(after) > 5)
+"""
+
+
 @pytest.mark.skipif(not kernels.IS_COMPILED, reason="numba is not installed")
-def test_after_warming_up_nothing_is_compiled_in_flight() -> None:
-    loops = {n: loop for n, loop in vars(kernels).items() if hasattr(loop, "signatures")}
-    params = PlannerParams(kind="explore", footprint_m=1.0, footprint_shape="disc")
-    warm_up(params)
-    before = {name: len(loop.signatures) for name, loop in loops.items()}
-    explorer = Explorer(params, speed_m_s=1.0, climb_m_s=1.0, seed=3)
-    place = np.zeros((1, 2))
-    for _ in range(200):
-        plan = explorer.step(place, np.zeros(1), np.full((1, 6), np.inf), np.empty((1, 0, 2)))
-        place = np.clip(place + 0.3 * plan.velocity_m_s, -4.0, 4.0)
-        explorer.observe_hits(np.array([[4.4, 0.0], [0.0, 4.4], [-4.4, 0.0], [0.0, -4.4]]))
-    explorer.way_to(place[0].tolist(), [0.0, 0.0])
-    assert {name: len(loop.signatures) for name, loop in loops.items()} == before
+@pytest.mark.parametrize("mission", ["usar_office", "open_3d"])
+def test_after_warming_up_nothing_is_compiled_in_flight(mission: str) -> None:
+    missions = Path(__file__).parents[2] / "missions"
+    flown = subprocess.run(  # a process of its own: what others have flown is compiled here
+        [sys.executable, "-c", FLOWN_WARM, missions / f"{mission}.yaml"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert flown.stdout.strip() == "[] True"
