@@ -25,7 +25,7 @@ REPORT_S = 0.25
 SET_ASIDE_S = 1.0
 TOGETHER, MOST_TICKS = 25, 10
 """As many vehicles may beat in the same tick; what recurs does so at least once a second."""
-SOON_S, MOST_TURNS = 0.002, 16
+SOON_S, MOST_TURNS = 0.004, 16
 """Who is due so soon has his turn with who is due now; after so many turns others are heard."""
 SYNC_S = 1.0
 """Wall time; what a power failure may take of the journals."""
