@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 from functools import partial
 from pathlib import Path
 
@@ -11,8 +10,9 @@ from mock_vehicle.fleet import Fleet
 from mock_vehicle.referee import write_files
 from mock_vehicle.server import Server
 
-EVERY = 5
-"""Looks, one a second, between two writings."""
+EVERY, PART = 5, 20
+"""Looks, one a second, between two writings: so many, or such a part of all so far, since all that
+was written before is written again."""
 
 
 class Keeper:
@@ -21,14 +21,16 @@ class Keeper:
     def __init__(self, fleet: Fleet, server: Server, folder: Path) -> None:
         """Write what stays as it is; who waits for `ready` finds it."""
         self._fleet, self._server, self._folder = fleet, server, folder
-        self._looks = itertools.count(1)
+        self._looks, self._due = 0, EVERY
         self._writing: asyncio.Future[None] | None = None
         fleet.referee.write_world(folder)
 
     def look(self) -> None:
         """Write the truth so far when its time has come; OSError if the last time failed."""
-        if next(self._looks) % EVERY or (self._writing and not self._writing.done()):
+        self._looks += 1
+        if self._looks < self._due or (self._writing and not self._writing.done()):
             return
+        self._due = self._looks + max(EVERY, self._looks // PART)
         if self._writing:
             self._writing.result()
         files = self._fleet.files(so_far=True, pace=self._server.pace())
