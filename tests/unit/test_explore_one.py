@@ -76,17 +76,27 @@ def test_the_lanes_of_one_direction_are_those_of_many(
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_table_need_not_be_asked_where_it_has_nothing_to_say(d: int) -> None:
+def test_the_table_need_not_be_asked_where_it_has_nothing_to_say(
+    d: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     params = PlannerParams(kind="explore", dimensions=d)
     asking, quick = (Explorer(params, speed_m_s=1.0, climb_m_s=1.0, seed=3) for _ in range(2))
+    asked = 0
+
+    def always(heading_rad: float, ranges_m: list[float]) -> bool:
+        nonlocal asked
+        asked += 1
+        return asking._avoidance.update(heading_rad, asking._reflex(ranges_m), asking._chance)
+
+    monkeypatch.setattr(asking, "_consult", always)
     chance = np.random.default_rng(d)
     place, nobody = np.zeros((1, d)), np.zeros((1, 0, d))
     for _ in range(300):
         ranges = np.where(chance.random((1, 6)) < 0.15, chance.uniform(0.2, 2.0, (1, 6)), np.inf)
         heading = chance.uniform(-3.0, 3.0, 1)
-        asking._is_avoiding = True
         one = asking.step(place, heading, ranges, nobody)
         other = quick.step(place, heading, ranges, nobody)
         for expected, told in zip(one, other, strict=True):
             np.testing.assert_array_equal(told, expected)
         place = place + one.velocity_m_s * params.period_s
+    assert asked == 300

@@ -103,11 +103,16 @@ async def test_a_flood_leaves_the_others_their_turn(link: Open, vehicle: socket.
     flooded, other = link("udpin://127.0.0.1:0"), link("udpin://127.0.0.1:0")
     heard: list[bytes] = []
     came = asyncio.Event()
+
+    def hear(data: bytes, _: object) -> None:
+        heard.append(data)
+        came.set()
+
     for _ in range(FLOOD):
         vehicle.sendto(b"flood", ("127.0.0.1", port_of(flooded)))
     vehicle.sendto(b"word", ("127.0.0.1", port_of(other)))
     for one in (flooded, other):
-        one.watch(lambda data, _: (heard.append(data), came.set())[1])
+        one.watch(hear)
     async with asyncio.timeout(PATIENCE_S):
         while len(heard) <= FLOOD:
             await came.wait()
