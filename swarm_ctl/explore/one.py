@@ -89,4 +89,7 @@ def warm_up(params: PlannerParams) -> None:
         explorer.decide()
     explorer.way_to([0.9] * d, [0.0] * d)
     find_way(explorer.memory, [0.9] * d, Others((), ([0.0] * d,), 1.0), 1)
-    kernels.unknown_within(explorer.memory.grid, 0, 0, 0, 1)
+    grid, here = explorer.memory.grid, explorer.memory.cells([0.9] * d)
+    kernels.unknown_within(grid, 0, 0, 0, 1)
+    kernels.is_line_free(grid, here, here)
+    kernels.look(grid, 0.0, 0.0, 0.0)
